@@ -28,7 +28,7 @@ import midnet_bench.detectors.detector_node
 
 
 def test_a_node_fed_with_poses_and_scans_detects_what_the_trial_s_own_does() -> None:
-    parameters = DetectionParameters.of(robots=2)
+    parameters = DetectionParameters.of(robots=2, engine="fast")
     with DetectionTrial(parameters, 3) as trial:
         node = DetectorNode(parameters, trial.prior_map, 2)
         for guard in trial.guards:

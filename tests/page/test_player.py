@@ -21,12 +21,14 @@ needs_node = pytest.mark.skipif(NODE is None, reason="there is no node to run Ja
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 
 
-def in_node(body: str, given: object) -> Any:
-    """What the body of a function of ``trial`` (the module) and ``given`` returns."""
+def in_node(expression: str, given: Any = None) -> Any:
+    """What JavaScript makes of ``trial`` (the module), ``given``, and the ``lists`` that it has packed."""
     code = (
         f"const trial = require({json.dumps(str(TRIAL_JS))});"
         "const given = JSON.parse(require('fs').readFileSync(0));"
-        f"console.log(JSON.stringify((() => {{ {body} }})()))"
+        "const bytes = given && require('zlib').inflateSync(Buffer.from(given.packed, 'base64'));"
+        "const lists = given && trial.unpack(bytes, given.columns, given.frames);"
+        f"console.log(JSON.stringify({expression}))"
     )
     assert NODE is not None
     done = subprocess.run(
@@ -34,12 +36,6 @@ def in_node(body: str, given: object) -> Any:
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-UNPACK = """
-const bytes = require('zlib').inflateSync(Buffer.from(given.packed, 'base64'));
-const lists = trial.unpack(bytes, given.columns, given.frames);
-"""
 
 
 @needs_node
@@ -52,12 +48,12 @@ def test_what_is_packed_comes_out_again_frame_by_frame() -> None:
         frames["a"].append([[key, *rng.integers(-32768, 32768, 2).tolist()] for key in keys])
         frames["b"].append([[key, int(rng.integers(0, 5))] for key in range(int(rng.integers(0, 3)))])
         frames["none"].append([])
-    given = {"packed": packed(columns, frames), "columns": columns, "frames": 40}
-    body = UNPACK + (
-        "return Object.fromEntries(Object.keys(given.columns).map((name) => [name, "
+    expression = (
+        "Object.fromEntries(Object.keys(given.columns).map((name) => [name, "
         "[...Array(40).keys()].map((f) => trial.rowsAt(lists[name], f).map((row) => Object.values(row)))]))"
     )
-    assert in_node(body, given) == frames
+    given = {"packed": packed(columns, frames), "columns": columns, "frames": 40}
+    assert in_node(expression, given) == frames
 
 
 def test_a_box_keeps_its_track_while_it_moves_little() -> None:
@@ -98,70 +94,64 @@ def one_trial() -> dict[str, Any]:
 
 
 @needs_node
-def test_errors_that_go_on_are_one_with_their_words() -> None:
-    body = UNPACK + (
-        "return trial.episodes(given.head, lists).map((one) => [one.first, one.last, trial.inWords(one)])"
-    )
-    assert in_node(body, one_trial()) == [
-        [1, 3, "missed: intruder 1, outside window, at guard 1"],
-        [2, 3, "false positive: guard 2, ally trail, guard 2, 1.5 s old, 20 cm off"],
-        [5, 5, "missed: intruder 1, outside window, at guard 1"],
-    ]
-
-
-@needs_node
-def test_where_errors_have_no_causes_they_are_found_from_truths_and_boxes() -> None:
+@pytest.mark.parametrize(
+    ("explained", "miss", "false"),
+    [
+        (True, ", outside window, at guard 1", "guard 2, ally trail, guard 2, 1.5 s old, 20 cm off"),
+        (False, "", "guard 2"),
+    ],
+)
+def test_errors_that_go_on_are_one_by_their_causes_or_from_truths_and_boxes(
+    explained: bool, miss: str, false: str
+) -> None:
     trial = one_trial()
-    trial["head"] |= {"explained": False}
-    body = (
-        UNPACK
-        + "return trial.episodes(given.head, lists).map((one) => [one.first, one.last, trial.inWords(one)])"
-    )
-    assert in_node(body, trial) == [
-        [1, 3, "missed: intruder 1"],
-        [2, 3, "false positive: guard 2"],
-        [5, 5, "missed: intruder 1"],
+    trial["head"] |= {"explained": explained}
+    expression = "trial.episodes(given.head, lists).map((one) => [one.first, one.last, trial.inWords(one)])"
+    assert in_node(expression, trial) == [
+        [1, 3, f"missed: intruder 1{miss}"],
+        [2, 3, f"false positive: {false}"],
+        [5, 5, f"missed: intruder 1{miss}"],
     ]
 
 
 @needs_node
 def test_a_box_over_an_intruder_that_has_another_one_is_its_second() -> None:
-    trial = one_trial()
-    second = [33, 25, 25, 10, 10, 0]
     frames = {name: [[]] for name in COLUMNS}
-    frames |= {"truths": [[[1, 10, 10, 20, 20, 1, 1]]], "detections": [[[32, 10, 10, 20, 20, 1], second]]}
-    head = trial["head"] | {"explained": False, "frames": 1}
+    frames["truths"] = [[[1, 10, 10, 20, 20, 1, 1]]]  # type: ignore[list-item]
+    frames["detections"] = [[[32, 10, 10, 20, 20, 1], [33, 25, 25, 10, 10, 0]]]  # type: ignore[list-item]
+    head = one_trial()["head"] | {"explained": False, "frames": 1}
     given = {"packed": packed(COLUMNS, frames), "columns": COLUMNS, "frames": 1, "head": head}
-    body = UNPACK + "return trial.errorsAt(given.head, lists, 0).map((one) => trial.inWords(one))"
-    assert in_node(body, given) == ["second box on one intruder: guard 2"]
+    expression = "trial.errorsAt(given.head, lists, 0).map((one) => trial.inWords(one))"
+    assert in_node(expression, given) == ["second box on one intruder: guard 2"]
 
 
 @needs_node
 def test_counts_add_up() -> None:
-    body = UNPACK + (
-        "const totals = trial.tally(given.head, lists);"
-        "return [totals, trial.countsAt(totals, 2), trial.countsAt(totals, 0), trial.f1(totals, 5), "
-        "trial.recentF1(totals, 5, 2), trial.recentF1(totals, 1, 10)]"
+    totals, third, first, *scores = in_node(
+        "((totals) => [totals, trial.countsAt(totals, 2), trial.countsAt(totals, 0), trial.f1(totals, 5), "
+        "trial.recentF1(totals, 5, 2), trial.recentF1(totals, 1, 10)])(trial.tally(given.head, lists))",
+        one_trial(),
     )
-    totals, third, first, f1, recent, at_first = in_node(body, one_trial())
     assert totals == {"found": [1, 1, 1, 1, 2, 2], "missed": [0, 1, 2, 3, 3, 4], "false": [0, 0, 1, 2, 2, 2]}
     assert third == {"found": 0, "missed": 1, "false": 1}
     assert first == {"found": 1, "missed": 0, "false": 0}
-    assert f1 == pytest.approx(2 * 2 / (2 * 2 + 4 + 2))
-    assert recent == pytest.approx(2 * 1 / (2 * 1 + 1))
-    assert at_first == pytest.approx(2 * 1 / (2 * 1 + 1))
+    assert scores == pytest.approx([2 * 2 / (2 * 2 + 4 + 2), 2 / 3, 2 / 3])
 
 
 @needs_node
-def test_neighbours_and_addresses() -> None:
-    body = (
-        "const list = [{first: 1}, {first: 2}, {first: 5}];"
-        "return [trial.neighbour(list, 1, 1), trial.neighbour(list, 5, 1), trial.neighbour(list, 5, -1),"
-        "trial.neighbour(list, 0, -1), trial.parseHash('#trial=2&frame=40&cause=delay&play=1'),"
-        "trial.parseHash('#figures'), trial.parseHash('#trial=-1&frame=x')]"
-    )
-    address = {"trial": 2, "frame": 40, "cause": "delay", "play": 1}
-    assert in_node(body, None) == [2, None, 2, None, address, {}, {}]
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("[[1, 1], [5, 1], [5, -1], [0, -1]].map(([at, step]) =>"
+         "trial.neighbour([{first: 1}, {first: 2}, {first: 5}], at, step))", [2, None, 2, None]),
+        ("trial.parseHash('#trial=2&frame=40&cause=delay&play=1')",
+         {"trial": 2, "frame": 40, "cause": "delay", "play": 1}),
+        ("trial.parseHash('#figures')", {}),
+        ("trial.parseHash('#trial=-1&frame=x')", {}),
+    ],
+)  # fmt: skip
+def test_neighbours_and_addresses(expression: str, value: object) -> None:
+    assert in_node(expression) == value
 
 
 FRAME = "Number(document.querySelector('#scrub').value)"
