@@ -4,6 +4,7 @@ import gzip
 import math
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -14,10 +15,12 @@ from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.tables import encode_tables
 from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.registry import tables_of
 from midnet_bench.workflows.report import write_report
 from tests.stores import detection_store, labyrinth_store
 
 REFERENCES = Path(__file__).parents[2] / "results" / "reference"
+COUNTS = ["tp", "fp", "fn", "intruders_in_range", "matched", "duplicates", "missed"]
 
 
 def odd_store(folder: Path) -> None:
@@ -105,12 +108,34 @@ def test_factors_keep_their_types_and_floats_their_digits(tmp_path: Path) -> Non
     assert "ValueError: no, not" in results.failures["reason"].tolist()
 
 
-def test_committed_references_are_read_in_a_fresh_clone() -> None:
+def test_the_frames_of_the_detection_reference_sum_to_its_scores() -> None:
+    tables = load_results(REFERENCES / "detection", tables_of).tables
+    cells = ["robots", "seed"]
+    summed = tables["frames"].groupby(cells)[[*COUNTS, "error_sum_m"]].sum()
+    scores = tables["scores"].set_index(cells)
+    assert len(scores) == 40
+    assert (tables["frames"].groupby(cells).size() == scores["frames"]).all()
+    assert (summed[COUNTS] == scores[COUNTS]).all(axis=None)
+    np.testing.assert_allclose(summed["error_sum_m"], scores["error_sum_m"], rtol=1e-12)
+
+
+def test_the_labyrinth_reference_has_every_trial_and_eq_11_holds_in_each() -> None:
     results = load_results(REFERENCES / "labyrinth")
-    assert set(results.tables) == {"trial", "intruders", "robots"}
-    assert (results.finished, len(results.table("trial"))) == (500, 500)
-    assert results.table("trial").groupby("robots").size().to_dict() == dict.fromkeys(range(1, 6), 100)
+    tables = results.tables
+    assert set(tables) == {"trial", "intruders", "robots"}
     assert str(results.provenance[0]["command"]).startswith("midnet-bench labyrinth")
+    place = ["intruders", "robots", "seed"]
+    trials = tables["trial"].set_index(place)
+    caught = (
+        (tables["intruders"]["outcome"] == "caught")
+        .groupby([tables["intruders"][key] for key in place])
+        .sum()
+    )
+    assert results.finished == len(trials) == 500
+    assert trials.groupby("robots").size().to_dict() == dict.fromkeys(range(1, 6), 100)
+    assert (trials["caught"] == caught).all()
+    numbers = trials.index.get_level_values("intruders")
+    np.testing.assert_allclose(trials["success_rate"], 100.0 * trials["caught"] / numbers)
 
 
 def test_what_is_no_campaign_is_one_line(tmp_path: Path) -> None:
@@ -121,26 +146,19 @@ def test_what_is_no_campaign_is_one_line(tmp_path: Path) -> None:
         load_results(tmp_path)
 
 
-def test_a_missing_table_is_named(tmp_path: Path) -> None:
-    detection_store(tmp_path, {1: {1: (0.9, 0.5, 0.6)}})
-    write_report(tmp_path)
-    for name in ("campaign.sqlite", "scores.csv"):
-        (tmp_path / name).unlink()
-    with pytest.raises(InputError, match=r"scores\.csv: missing"):
-        load_results(tmp_path).table("scores")
-
-
 @pytest.mark.parametrize(
     ("content", "says"),
     [
         ("robots,seed,x\n7,1,2\n", "robots: '7' is no value of the grid"),
         ('robots,seed,x\n1,1,"2\n', "cannot be read"),
+        (None, "missing"),
     ],
 )
-def test_a_damaged_table_is_named(tmp_path: Path, content: str, says: str) -> None:
+def test_a_damaged_or_missing_table_is_named(tmp_path: Path, content: str | None, says: str) -> None:
     detection_store(tmp_path, {1: {1: (0.9, 0.5, 0.6)}})
     write_report(tmp_path)
     (tmp_path / "campaign.sqlite").unlink()
-    (tmp_path / "scores.csv").write_text(content)
+    scores = tmp_path / "scores.csv"
+    scores.unlink() if content is None else scores.write_text(content)
     with pytest.raises(InputError, match=rf"scores\.csv: .*{says}"):
         load_results(tmp_path).table("scores")
