@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import random
 import signal
 import subprocess
 import threading
@@ -52,29 +51,6 @@ def named_in_shared_memory(process: subprocess.Popen[str]) -> list[str]:
 def stored_in(directory: Path) -> int:
     with open_store(directory / "campaign.sqlite") as store:
         return len(store.statuses())
-
-
-@pytest.mark.slow
-def test_ten_kills_change_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
-    """From the process's first moment to the middle of storing; ``python -m tests.kills`` makes 120."""
-    chance = random.Random(20)
-    moments = [-1, -1, 0, 0, 0, 1, 1, 1, 2, 2]
-    chance.shuffle(moments)
-    for trials_first in moments:
-        process = start(tmp_path, FORTY, jobs=2)
-        if trials_first >= 0:
-            wait_for(process, "begin")
-            wait_for(process, "stored", trials_first)
-        time.sleep(chance.uniform(0.0, 0.05 if trials_first > 0 else 0.4))
-        assert process.poll() is None, "the campaign ended before all kills were made"
-        kill(process)
-
-    before = stored_in(tmp_path)
-    outcome = run_here(tmp_path, FORTY)
-
-    assert 0 < before < 40
-    assert (outcome.finished, outcome.failed, outcome.ran) == (40, 0, 40 - before)
-    assert exported(tmp_path) == undisturbed
 
 
 def test_a_kill_while_trials_are_stored_changes_nothing_and_the_workers_go_away(
@@ -228,24 +204,6 @@ def test_a_process_is_refused_while_another_one_writes(tmp_path: Path) -> None:
     assert "another midnet-bench is running this campaign" in err
     assert len(err.splitlines()) == 1
     assert not (tmp_path / "campaign.sqlite").exists()
-
-
-@pytest.mark.slow
-def test_a_second_process_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
-    gate = tmp_path / "gate"
-    last_waits = {"trouble": "wait", "trouble_seed": 6, "trouble_file": str(gate)}
-    campaign = {"trials": 6, "base_seed": 1, "parameters": last_waits}
-    first = start(tmp_path / "run", campaign, jobs=2)
-    wait_for(first, "stored")
-    code, _, err = finish(start(tmp_path / "run", campaign, jobs=2))
-    gate.mkdir()
-    first_code, out, first_err = finish(first)
-
-    assert code == 2
-    assert "another midnet-bench is running this campaign" in err
-    assert len(err.splitlines()) == 1
-    assert (first_code, first_err) == (0, "")
-    assert "done 6 0 6" in out
 
 
 @pytest.fixture
