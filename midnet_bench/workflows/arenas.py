@@ -22,7 +22,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import Point, Pose2D, Solid, dense_outline, lengths
+from midnet_bench.geometry import Point, Solid, dense_outline, lengths
 from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
 from midnet_bench.io.files import write_atomically
@@ -162,8 +162,16 @@ def check(name_or_path: str) -> CheckedArena:
     faults = _starts(arena, solids)
     reachable, closed = _floor(arena)
     if reachable.data.any():
-        faults += [_room_fault(piece) for piece in closed if not piece.is_outside]
-        faults += _patrol(arena)
+        for room in closed:
+            text = (
+                f"a room at {_place(room.at)} cannot be reached: no way to its {room.area_m2:.1f} m2 that a "
+                f"Burger passes, which needs {2 * DRIVABLE_M:g} m; open a door or fill it"
+            )
+            faults += [] if room.is_outside else [Fault(text, room.at)]
+        try:
+            patrol_points(render_exact(arena), arena.robots.center_m, arena.enclosure_m)
+        except InputError as error:
+            faults.append(Fault(str(error).removeprefix("prior_map: "), arena.robots.center_m))
     layouts: list[Layout] = []
     for seed in range(1, SEEDS + 1):
         try:
@@ -180,7 +188,8 @@ def check(name_or_path: str) -> CheckedArena:
 def _floor(arena: Arena) -> tuple[OccupancyGrid, list[ClosedFloor]]:
     """Where a guard can drive, bool, and where it has room but cannot come."""
     near = cells_near(arena, arena.placed_solids(), DRIVABLE_M)
-    inside = _inside(arena, near)
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    inside = (np.abs(near.x_centers) < half_x) & (np.abs(near.y_centers) < half_y)[:, None]
     floor = ~near.data & inside
     reachable = near.with_data(connected_to(*near.cell_at(*arena.robots.center_m), floor))
     closed = (floor & ~reachable.data).astype(np.uint8)
@@ -200,11 +209,6 @@ def _floor(arena: Arena) -> tuple[OccupancyGrid, list[ClosedFloor]]:
     return reachable, pieces
 
 
-def _inside(arena: Arena, grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
-    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
-    return (np.abs(grid.x_centers) < half_x) & (np.abs(grid.y_centers) < half_y)[:, None]
-
-
 def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
     """Starts of teams that stand in or at something."""
     faults = []
@@ -212,8 +216,8 @@ def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
         starts = np.array([(pose.x, pose.y) for pose in robot_starts(arena, team)])
         gaps_m = np.min([solid.distance_to(starts) for solid in solids], axis=0)
         worst = int(gaps_m.argmin())
-        at = (float(starts[worst, 0]), float(starts[worst, 1]))
         if gaps_m[worst] < ROBOT_CLEARANCE_M:
+            at = (float(starts[worst, 0]), float(starts[worst, 1]))
             text = (
                 f"robots: guard {worst + 1} of {team} starts at {_place(at)}, "
                 f"{max(float(gaps_m[worst]), 0.0):.2f} m from a wall or an intruder; "
@@ -223,43 +227,21 @@ def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
     return faults
 
 
-def _room_fault(room: ClosedFloor) -> Fault:
-    text = (
-        f"a room at {_place(room.at)} cannot be reached: no way to its {room.area_m2:.1f} m2 that a Burger "
-        f"passes, which needs {2 * DRIVABLE_M:g} m; open a door or fill it"
-    )
-    return Fault(text, room.at)
-
-
-def _patrol(arena: Arena) -> list[Fault]:
-    try:
-        patrol_points(render_exact(arena), arena.robots.center_m, arena.enclosure_m)
-    except InputError as error:
-        return [Fault(str(error).removeprefix("prior_map: "), arena.robots.center_m)]
-    return []
-
-
 def _never_seen(arena: Arena, reachable: OccupancyGrid, layouts: Sequence[Layout]) -> list[Fault]:
     """Stationary intruders that no beam of a guard meets from anywhere within its usable range."""
-    range_m = DetectionParameters().costmap.obstacle_range_m
-    placed = arena.placed_solids()
-    seen: dict[Solid, bool] = {}
-    faults = []
+    range_m, placed = DetectionParameters().costmap.obstacle_range_m, len(arena.placed_solids())
+    first: dict[Solid, tuple[int, Layout]] = {}
     for layout in layouts:
         for number, solid in enumerate(layout.stationary):
-            if solid in seen:
-                continue
-            seen[solid] = is_seen(solid, layout.solids, reachable, range_m)
-            if not seen[solid]:
-                at = (solid.pose.x, solid.pose.y)
-                name = (
-                    f"stationary_intruders.placed.{number}"
-                    if number < len(placed)
-                    else f"stationary_intruders: number {number + 1} of seed {layout.seed}"
-                )
-                faults.append(
-                    Fault(f"{name} at {_place(at)}: no guard can ever see it within {range_m:g} m", at)
-                )
+            first.setdefault(solid, (number, layout))
+    faults = []
+    for solid, (number, layout) in first.items():
+        if not is_seen(solid, layout.solids, reachable, range_m):
+            at = (solid.pose.x, solid.pose.y)
+            name = f"stationary_intruders.placed.{number}"
+            if number >= placed:
+                name = f"stationary_intruders: number {number + 1} of seed {layout.seed}"
+            faults.append(Fault(f"{name} at {_place(at)}: no guard can ever see it within {range_m:g} m", at))
     return faults
 
 
@@ -315,11 +297,10 @@ def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:
         parameters.costmap.size_m,
         FRAME_HZ,
     )
-    robots = [_standing(number, True, pose) for number, pose in enumerate(starts, 1)]
-    robots += [_standing(number, False, pose) for number, pose in enumerate(layout.intruders, 1)]
+    robots = [
+        Robot(number, is_guard, pose, pose, None, None)
+        for is_guard, poses in ((True, starts), (False, layout.intruders))
+        for number, pose in enumerate(poses, 1)
+    ]
     places = {number: fault.at for number, fault in enumerate(faults, 1) if fault.at is not None}
     write_atomically(path, png_of(draw_arena(setup, Scene(0.0, 0, robots, [], []), places)))
-
-
-def _standing(number: int, is_guard: bool, pose: Pose2D) -> Robot:
-    return Robot(number, is_guard, pose, pose, None, None)

@@ -257,11 +257,10 @@ def map_log(
 def write_trajectory(result: MappingResult, log: Path, path: Path) -> list[str]:
     """Write the trajectory (TUM), numbered where the log's clock is wrong; a line that says so, or none."""
     fault = clock_fault(result.trajectory.stamps_s)
+    write_tum(result.trajectory, path, None if fault is None else result.integrated)
     if fault is None:
-        write_tum(result.trajectory, path)
         return []
     index, what = fault
-    write_tum(result.trajectory, path, result.integrated)
     scan = f"{log}: scan {result.integrated[index]}"
     return [f"{scan}: {what}; {path.name} has the numbers of scans in place of stamps"]
 
@@ -286,11 +285,9 @@ def draw(settings: Mapping[str, Scalar], output: Path) -> MadeMap:
         MidnetBenchError: there is no room.
     """
     chosen, values = _exact_settings(settings, "an exact map", ("arena", *SET_BY_EXACT))
-    files, configuration = MapFiles.at(output), {"map": EXACT, **values}
-    files.refuse_another(configuration)
-    comment = f"{arena_from(chosen.arena).name}, drawn exactly"
+    grid = prior_map_from(EXACT, chosen.arena, chosen.resolution_m)
     return _write_exact(
-        files, prior_map_from(EXACT, chosen.arena, chosen.resolution_m), comment, configuration
+        grid, {"map": EXACT, **values}, f"{arena_from(chosen.arena).name}, drawn exactly", output
     )
 
 
@@ -309,10 +306,8 @@ def resample(path: Path, settings: Mapping[str, Scalar], output: Path) -> MadeMa
     chosen, values = _exact_settings(settings, "a resampled map", SET_BY_EXACT)
     found = load_map(path)
     grid = resampled(found, chosen.resolution_m)
-    files, configuration = MapFiles.at(output), {"map": str(path), **values}
-    files.refuse_another(configuration)
     comment = f"{path.name}, resampled from {found.resolution:g} m to {grid.resolution:g} m"
-    return _write_exact(files, grid, comment, configuration)
+    return _write_exact(grid, {"map": str(path), **values}, comment, output)
 
 
 def _exact_settings(
@@ -327,8 +322,10 @@ def _exact_settings(
 
 
 def _write_exact(
-    files: MapFiles, grid: OccupancyGrid, comment: str, configuration: Mapping[str, Scalar]
+    grid: OccupancyGrid, configuration: Mapping[str, Scalar], comment: str, output: Path
 ) -> MadeMap:
+    files = MapFiles.at(output)
+    files.refuse_another(configuration)
     binary = {name: configuration[name] for name in PRIOR_MAP_PARAMETERS}
     written = files.write_map(grid, comment, configuration, **binary)
     return MadeMap(grid, [*written, files.named(CONFIGURATION)], [])

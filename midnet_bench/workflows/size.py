@@ -112,27 +112,25 @@ class Answer(NamedTuple):
     @property
     def sentences(self) -> list[str]:
         """The answer, what the next smaller team does, and what it stands on."""
-        question, best = self.question, self.smallest
-        task = f"an intruder within {question.within_s:g} s with probability"
-        shown = best or self.teams[-1]
-        lines = [f"{question.guards(shown.robots)} {task} {_text(shown.probability)}"]
-        if best is None:
-            lines[0] += f": no team of up to {shown.robots}, the most that start there, is enough."
-        else:
-            fewer = next((team for team in self.teams if team.robots == best.robots - 1), None)
-            does = "" if fewer is None else f"; {fewer.robots} {'does' if fewer.robots == 1 else 'do'} with "
-            lines[0] += "." if fewer is None else f"{does}{_text(fewer.probability)}."
-        for team in self.teams:
-            if team.is_enough is None:
-                lines.append(
-                    f"{team.probability.n} trials cannot tell whether {team.robots} are enough: "
-                    f"{_text(team.probability)}."
-                )
-        lines.append(
+        best, last = self.smallest, self.teams[-1]
+        shown = best or last
+        end = f": no team of up to {last.robots}, the most that start there, is enough."
+        if best is not None:
+            fewer = [team for team in self.teams if team.robots == best.robots - 1]
+            do = "does" if best.robots == 2 else "do"
+            end = "".join(f"; {team.robots} {do} with {_text(team.probability)}" for team in fewer) + "."
+        return [
+            f"{self.question.guards(shown.robots)} an intruder within {self.question.within_s:g} s with "
+            f"probability {_text(shown.probability)}{end}",
+            *(
+                f"{team.probability.n} trials cannot tell whether {team.robots} are enough: "
+                f"{_text(team.probability)}."
+                for team in self.teams
+                if team.is_enough is None
+            ),
             f"Intervals hold 95 %; a team is called enough, or not, wrongly with a probability of at most "
-            f"{100 * LEVEL:g} %."
-        )
-        return lines
+            f"{100 * LEVEL:g} %.",
+        ]
 
     @property
     def table(self) -> Table:
@@ -218,24 +216,15 @@ def campaign_of(question: Question, arena: Arena, robots: int, trials: int) -> C
     # its way leads through at least half of the building, wherever it starts
     far_m = min(float(lengths(cells - start).max()) for start in starts)
     parameters: dict[str, Scalar] = {
-        "engine": "fast",
-        "arena": question.arena,
-        "robots": robots,
-        "intruders": 1,
+        **{"engine": "fast", "arena": question.arena, "robots": robots, "intruders": 1},
         "start_at": question.entrances or "anywhere",
         "escape_distance_m": round(min(USUAL_ESCAPE_M, far_m / 2.0), 2),
         "time_limit_s": question.within_s,
         **({} if question.capture else {"capture": "detected"}),
         **question.parameters,
     }
-    values = {
-        "experiment": "labyrinth",
-        "name": f"robots-{robots}",
-        "parameters": parameters,
-        "trials": trials,
-        "base_seed": question.base_seed,
-    }
-    return definition.parse_campaign(values, "size")
+    values = {"experiment": "labyrinth", "name": f"robots-{robots}", "parameters": parameters}
+    return definition.parse_campaign({**values, "trials": trials, "base_seed": question.base_seed}, "size")
 
 
 def cost_of(question: Question, arena: Arena, jobs: int | None = None) -> tuple[float, float]:

@@ -11,7 +11,6 @@ from midnet_bench.drawing.stills import Tree, draw_fusion, draw_views, tree_of
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
-from midnet_bench.midnet.fusion import Call
 from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.recording.inputs import prepared
@@ -66,19 +65,12 @@ def steps_of_trial(
     if midnet.explanation is None:
         raise InputError(f"--steps: detector={parameters['detector']} does not work by the paper's steps")
     trial = frames.trial
-    title = f"{experiment}, seed {seed}, frame {frame} ({frame * FRAME_S:.1f} s)"
-    return write_steps(
-        ExplainedFrame(
-            title,
-            trial.prior_map,
-            midnet.observations,
-            midnet.explanation,
-            trial.parameters.midnet,
-            parameters.get("fusion", "paper") == "paper",
-        ),
-        output,
-        guard,
+    explained = ExplainedFrame(
+        f"{experiment}, seed {seed}, frame {frame} ({frame * FRAME_S:.1f} s)",
+        *(trial.prior_map, midnet.observations, midnet.explanation, trial.parameters.midnet),
+        has_paper_fusion=parameters.get("fusion", "paper") == "paper",
     )
+    return write_steps(explained, output, guard)
 
 
 def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int, output: Path) -> list[Path]:
@@ -105,10 +97,10 @@ def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int,
         midnet = played.nodes[name].midnet.update(seen, explain=True, allies=shown.fresh_allies)
         if settings.detector != "midnet" or midnet.explanation is None:
             raise InputError(f"--steps: detector={settings.detector} does not work by the paper's steps")
-        title = f"{inputs.recorded.names[0]}, preset {name}, frame {frame}"
-        has_paper_fusion = settings.fusion == "paper"
         explained = ExplainedFrame(
-            title, prior_map, seen, midnet.explanation, settings.midnet, has_paper_fusion
+            f"{inputs.recorded.names[0]}, preset {name}, frame {frame}",
+            *(prior_map, seen, midnet.explanation, settings.midnet),
+            has_paper_fusion=settings.fusion == "paper",
         )
         return write_steps(explained, output)
 
@@ -168,11 +160,11 @@ def _page(frame: ExplainedFrame, guard: int, tree: Tree | None) -> str:
         + f". {kept} are left.",
     ]
     if tree is not None:
-        fused = "; ".join(
-            f"guards {first + 1} to {last + 1}: {_lost(tree, call)}"
-            for (first, last), call in tree.nodes.items()
-            if call.lost
-        )
+        into = {
+            guards: ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in node.lost)
+            for guards, node in tree.nodes.items()
+        }
+        fused = "; ".join(f"guards {i + 1} to {k + 1}: {text}" for (i, k), text in into.items() if text)
         team += [
             "<b>The tree (Algorithm 3).</b> The list of guards is halved until each part is one guard. Then "
             "the halves are fused from the bottom up.",
@@ -194,7 +186,3 @@ def _page(frame: ExplainedFrame, guard: int, tree: Tree | None) -> str:
 <ol start="{len(one_robot) + 1}">{"".join(f"<li>{text}</li>" for text in team)}</ol>
 </html>
 """
-
-
-def _lost(tree: Tree, call: Call) -> str:
-    return ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in call.lost)

@@ -10,10 +10,12 @@ import yaml
 from midnet_bench.workflows.compare import TABLES
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, worked
 
+CAMPAIGNS = sorted((REPOSITORY / "campaigns").glob("*.yaml"))
+
 
 def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> None:
     done = midnet_bench("run", folder=tmp_path)
-    files = sorted(path.stem for path in (REPOSITORY / "campaigns").glob("*.yaml"))
+    files = sorted(path.stem for path in CAMPAIGNS)
     assert [line.split()[0] for line in done.stdout.splitlines() if line[0] != " "] == files
     assert "labyrinth The paper's 500 labyrinth trials, section V.B." in " ".join(done.stdout.split())
     told = json.loads(midnet_bench("run", "--json", folder=tmp_path).stdout)
@@ -21,9 +23,12 @@ def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> N
     assert all(text.endswith(".") and len(text) < 160 for text in told.values())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "path", sorted((REPOSITORY / "campaigns").glob("*.yaml")), ids=lambda path: path.stem
+    "path",
+    [
+        pytest.param(path, marks=() if path.stem == "labyrinth" else pytest.mark.slow, id=path.stem)
+        for path in CAMPAIGNS
+    ],
 )
 def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_path: Path) -> None:
     done = worked("run", path.stem, "-n", "--json", folder=tmp_path)
@@ -33,7 +38,8 @@ def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_
         cells *= len(values)
     told = json.loads(done.stdout)
     (plan,) = told["tables"]["plan"]
-    assert (plan["cells"], plan["trials"]) == (cells, cells * written["trials"])
+    trials = cells * written["trials"]
+    assert (plan["cells"], plan["trials"], plan["to_run"]) == (cells, trials, trials)
     assert told["directory"] == f"results/{path.stem}"
 
 

@@ -120,14 +120,10 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_output(
 def test_a_command_goes_on_without_a_reader_of_its_messages(tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)
+    command = [sys.executable, "-m", "midnet_bench", "parameters", "frames", "-v"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     done = subprocess.run(
-        [sys.executable, "-m", "midnet_bench", "parameters", "frames", "-v"],
-        stdout=subprocess.PIPE,
-        stderr=write,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-        check=False,
+        command, stdout=subprocess.PIPE, stderr=write, text=True, cwd=tmp_path, env=environment, check=False
     )
     os.close(write)
     assert done.returncode == 0

@@ -11,17 +11,10 @@ import pytest
 from midnet_bench.compiled import folder
 from tests.cli.command import REPOSITORY, worked
 
-MODULES = (
-    "signal",
-    "sitecustomize",
-    "usercustomize",
-    "numpy",
-    "yaml",
-    "joblib",
-    "random",
-    "numba",
-    "conftest",
-)
+MODULES = [
+    *("signal", "sitecustomize", "usercustomize", "conftest"),
+    *("numpy", "yaml", "joblib", "random", "numba"),
+]
 TRAP = "open({trap!r}, 'w').close()\nraise SystemExit('a file of the working folder was run')\n"
 CAMPAIGN = """
 experiment: labyrinth

@@ -2,10 +2,7 @@
 
 import contextlib
 import json
-import os
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +11,13 @@ import yaml
 
 from midnet_bench.cli.app import app
 from midnet_bench.cli.options import PARAMETER, help_of
-from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, worked
+from tests.cli.command import (
+    REPOSITORY,
+    in_its_own_process,
+    midnet_bench,
+    one_line_of_complaint,
+    worked,
+)
 
 COMMANDS = [one.name or one.callback.__name__ for one in app.registered_commands if one.callback]
 TINY = ("detection", "--robots", 1, "--frames", 2)
@@ -58,18 +61,15 @@ def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path:
 
 @pytest.mark.slow
 def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_path: Path) -> None:
-    done = midnet_bench(*TINY, folder=tmp_path)
+    done = worked(*TINY, folder=tmp_path)
     assert done.stderr.splitlines()[-1] == "Open results/detection/report.html"
     assert "1 robot" in done.stdout
-
-    quiet = midnet_bench(*TINY, "-q", folder=tmp_path)
+    quiet = worked(*TINY, "-q", folder=tmp_path)
     assert (quiet.stderr, quiet.stdout) == ("", done.stdout)
-
-    as_json = midnet_bench(*TINY, "--json", folder=tmp_path)
-    json.loads(as_json.stdout)
+    as_json = worked(*TINY, "--json", folder=tmp_path)
+    assert json.loads(as_json.stdout)
     assert "Open" not in as_json.stderr
-
-    again = midnet_bench("report", "results/detection", folder=tmp_path)
+    again = worked("report", "results/detection", folder=tmp_path)
     assert again.stderr == "Open results/detection/report.html\n"
 
 
@@ -95,32 +95,14 @@ def test_a_log_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "results").exists()
 
 
-def test_a_dry_run_in_json_is_one_document(tmp_path: Path) -> None:
-    done = midnet_bench("labyrinth", "-n", "--json", folder=tmp_path)
-    told = json.loads(done.stdout)
-    assert (told["schema"], told["experiment"], told["directory"]) == (1, "labyrinth", "results/labyrinth")
-    (plan,) = told["tables"]["plan"]
-    assert (plan["cells"], plan["trials"], plan["to_run"], plan["measured_on"]) == (25, 500, 500, 0)
-
-
 def completed(line: str, folder: Path) -> list[str]:
     """What bash offers at the end of a command line."""
-    words = line.split(" ")
     environment = {
-        **os.environ,
-        "PYTHONPATH": str(REPOSITORY),
         "_MIDNET_BENCH_COMPLETE": "complete_bash",
         "COMP_WORDS": line,
-        "COMP_CWORD": str(len(words) - 1),
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
     }
-    done = subprocess.run(
-        [sys.executable, "-m", "midnet_bench"],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = in_its_own_process(folder=folder, environment=environment)
     assert done.stderr == ""
     return done.stdout.split()
 
@@ -132,17 +114,16 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
     (tmp_path / "results/mine/campaign.sqlite").touch()
     (tmp_path / "elsewhere/other/configuration.json").touch()
     (tmp_path / "labels.yaml").touch()
-    assert completed("midnet-bench ver", tmp_path) == ["verify"]
-    assert completed("midnet-bench run lab", tmp_path) == ["labyrinth", "labels.yaml"]
-    assert completed("midnet-bench parameters lab", tmp_path) == ["labyrinth"]
-    assert completed("midnet-bench detection --arena map", tmp_path) == ["map1", "map2"]
-    assert completed("midnet-bench report ", tmp_path) == ["results/mine"]
-    assert completed("midnet-bench report elsewhere/o", tmp_path) == ["elsewhere/other"]
-    assert completed("midnet-bench labyrinth --set escape_", tmp_path) == [
-        "escape_distance_m=",
-        "escape_at=",
-        "escape_radius_m=",
-    ]
+    for line, offered in (
+        ("ver", "verify"),
+        ("run lab", "labyrinth labels.yaml"),
+        ("parameters lab", "labyrinth"),
+        ("detection --arena map", "map1 map2"),
+        ("report ", "results/mine"),
+        ("report elsewhere/o", "elsewhere/other"),
+        ("labyrinth --set escape_", "escape_distance_m= escape_at= escape_radius_m="),
+    ):
+        assert completed(f"midnet-bench {line}", tmp_path) == offered.split()
 
 
 def test_help_leaves_out_options_that_the_command_refuses(tmp_path: Path) -> None:
