@@ -35,8 +35,7 @@ LARGEST_BYTES = 200_000_000
 """of a log's text; five hours of a Burger's scans have as much: 360 readings, five times a second"""
 _SAME_PLACE = 1e-3
 """metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
-
-
+_BASE = Pose2D(0.0, 0.0, 0.0)
 IMAGES = (".bmp", ".gif", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp")
 
 
@@ -57,11 +56,6 @@ def read_lines(path: Path) -> list[str]:
     return lines
 
 
-def count_of(word: str) -> int | None:
-    """The whole number that a word is, or None: no sign, no digits but 0 to 9 and nine of them at most."""
-    return int(word) if word.isascii() and word.isdigit() and len(word) <= 9 else None
-
-
 def numbers(words: list[str], where: str, what: str, are_finite: bool = True) -> list[float]:
     """``words`` as floats. Raises InputError ``where: what: `` and the first that is none, or not finite."""
     values = []
@@ -73,6 +67,20 @@ def numbers(words: list[str], where: str, what: str, are_finite: bool = True) ->
         if are_finite and not math.isfinite(values[-1]):
             raise InputError(f"{where}: {what}: {short(word)} is not a finite number")
     return values
+
+
+def is_number(word: str) -> bool:
+    """Whether a word is one as Python reads it, nan and inf included."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _count_of(word: str) -> int | None:
+    """The whole number that a word is, or None: no sign, no digits but 0 to 9 and nine of them at most."""
+    return int(word) if word.isascii() and word.isdigit() and len(word) <= 9 else None
 
 
 class LoggedScan(NamedTuple):
@@ -108,10 +116,8 @@ class ScanLog:
     @property
     def is_corrected(self) -> bool:
         """Whether the laser's poses are other ones than odometry's with a mount."""
-        if any(scan.corrected is None for scan in self.scans):
-            return False
         apart = [scan.corrected.relative_to(scan.odometry) for scan in self.scans if scan.corrected]
-        return bool(np.ptp(np.array(apart), axis=0).max() >= _SAME_PLACE)
+        return len(apart) == len(self) and bool(np.ptp(np.array(apart), axis=0).max() >= _SAME_PLACE)
 
     @property
     def invalid_ranges(self) -> int:
@@ -122,11 +128,10 @@ class ScanLog:
     def warnings(self) -> list[str]:
         """A line for each kind of thing in the log that is not taken as it stands there."""
         negative = sum(int(np.count_nonzero(scan.ranges_m < 0.0)) for scan in self.scans)
-        kinds = {"NaN or infinite": self.invalid_ranges, "negative": negative}
         total = len(self) * self.geometry.beams
         lines = [
             f"{self.path}: {count} of {total} ranges are {kind} and were left out"
-            for kind, count in kinds.items()
+            for kind, count in (("NaN or infinite", self.invalid_ranges), ("negative", negative))
             if count
         ]
         if self.laser_off_m is not None:
@@ -137,47 +142,6 @@ class ScanLog:
         return lines
 
 
-def take_ranges(words: list[str], where: str) -> tuple[Floats, list[str]]:
-    """The ranges at the head of ``words``, which begin with their number, and the words after them.
-
-    A range that is NaN is one that the sensor could not tell. So is an infinite one (NaN in the result): logs
-    do not say whether it means open space. Raises InputError, named by ``where``, if there are fewer ranges
-    than announced or one is no number.
-    """
-    count = count_of(words[0]) if words else None
-    if count is None or count < 2:
-        found = short(words[0]) if words else "nothing"
-        raise InputError(f"{where}: the number of ranges must be a whole number from 2 on, not {found}")
-    if len(words) - 1 < count:
-        raise InputError(f"{where}: {count} ranges are announced, but only {len(words) - 1} words follow")
-    ranges_m = np.array(numbers(words[1 : 1 + count], where, "range", are_finite=False))
-    return np.where(np.isfinite(ranges_m), ranges_m, np.nan), words[1 + count :]
-
-
-def _add(scan: LoggedScan, scans: list[LoggedScan], where: str) -> None:
-    """Append a scan. Raise InputError if it is not as long as the first one, or its odometry is nonsense."""
-    scans.append(scan)
-    beams, first = len(scan.ranges_m), len(scans[0].ranges_m)
-    if beams != first:
-        raise InputError(f"{where}: a scan of {beams} ranges in a log whose first scan has {first}")
-    _check_pose(scan.odometry, "odometry", where)
-
-
-def _check_pose(pose: Pose2D, whose: str, where: str) -> None:
-    """Raise InputError if a pose is further off than a map may be, or turned by more than a robot can be."""
-    x, y, yaw = pose
-    if max(abs(x), abs(y)) > LARGEST_MAP_M:
-        raise InputError(
-            f"{where}: the {whose} x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
-            "no map can be that large; is it in metres?"
-        )
-    if abs(yaw) > LARGEST_HEADING_RAD:
-        raise InputError(
-            f"{where}: the {whose} has a heading of {yaw:g} rad, more than a robot turns in a day; "
-            "is it in radians?"
-        )
-
-
 def half_circle(beams: int) -> LidarGeometry:
     """The geometry of a scanner whose log does not tell it: beam i at -90 degrees + i steps, on the base.
 
@@ -185,56 +149,64 @@ def half_circle(beams: int) -> LidarGeometry:
     number of beams leaves out the last one of the half circle.
     """
     step = math.pi / (beams if beams % 2 == 0 else beams - 1)
-    return LidarGeometry(beams, -math.pi / 2, step, 0.0, SICK_RANGE_MAX_M, Pose2D(0.0, 0.0, 0.0))
+    return LidarGeometry(beams, -math.pi / 2, step, 0.0, SICK_RANGE_MAX_M, _BASE)
 
 
-def with_ceiling(geometry: LidarGeometry, scans: list[LoggedScan]) -> LidarGeometry:
-    """The geometry, its largest range lowered to the one at which this log's readings pile up, if they do.
+def read_scan_log(path: Path) -> ScanLog:
+    """The scans of a log as :func:`parse_log` takes them, for a map.
+
+    The largest range is that of the sensor or, where readings pile up below it, the one at which they do.
+
+    Raises:
+        InputError: as ``parse_log``, or no range says anything.
+    """
+    log = parse_log(path, read_lines(path))
+    if log.invalid_ranges == len(log) * log.geometry.beams:
+        raise InputError(f"{path}: every range in the log is NaN or infinite; there is nothing to map")
+    said_m = log.geometry.range_max_m
+    largest_m = _ceiling(log)
+    log = replace(log, geometry=replace(log.geometry, range_max_m=largest_m))
+    # 1 cm below it GMapping begins to take readings for "nothing came back"
+    if not any(np.any((scan.ranges_m > 0.0) & (scan.ranges_m < largest_m - 0.01)) for scan in log):
+        sensors = f"the sensor's {largest_m:g} m"
+        lowered = f"{largest_m:g} m, where readings pile up, which therefore count as 'nothing came back'"
+        raise InputError(
+            f"{path}: no range lies between 0 and {lowered if largest_m < said_m else sensors}; "
+            "there is nothing to map"
+        )
+    return log
+
+
+def _ceiling(log: ScanLog) -> float:
+    """The log's largest range, or the one at which its readings pile up below.
 
     Scanners differ in the number that they report for "no return". If the largest range of a log occurs
     (within 1 cm) ten times and once in ten scans, it is taken for that number and not for a wall. Taken
     wrongly, it costs these few beams.
     """
-    ranges = np.concatenate([scan.ranges_m for scan in scans])
+    ranges = np.concatenate([scan.ranges_m for scan in log])
     ranges = ranges[np.isfinite(ranges)]
     largest_m = float(ranges.max(initial=0.0))
-    piled = np.count_nonzero(ranges >= largest_m - 0.01)
-    if largest_m >= geometry.range_max_m or piled < max(10, len(scans) / 10):
-        return geometry
-    return replace(geometry, range_max_m=largest_m)
+    is_code = np.count_nonzero(ranges >= largest_m - 0.01) >= max(10, len(log) / 10)
+    return largest_m if largest_m < log.geometry.range_max_m and is_code else log.geometry.range_max_m
 
 
-def parse_table(path: Path, lines: list[str]) -> ScanLog:
-    """The scans of a table whose lines are ``stamp x y theta n r1..rn``; ``#`` begins a comment.
+class _Line(NamedTuple):
+    """What a line of a log says."""
 
-    x, y (metres) and theta (radians) are the wheel odometry; the beams' angles are those of ``half_circle``.
-
-    Raises:
-        InputError: odometry or ranges missing, a scan of another length, a word that is no number.
-    """
-    scans: list[LoggedScan] = []
-    for number, line in enumerate(lines, start=1):
-        words = line.split("#")[0].split()
-        if not words:
-            continue
-        where = f"{path}:{number}"
-        if len(words) < 5 or count_of(words[4]) is None:
-            raise InputError(
-                f"{where}: odometry missing: a line must read 'stamp x y theta n r1 .. rn', with the number "
-                "of ranges in the fifth place"
-            )
-        stamp_s, x, y, yaw = numbers(words[:4], where, "stamp and odometry")
-        ranges_m, rest = take_ranges(words[4:], where)
-        if rest:
-            raise InputError(
-                f"{where}: {len(ranges_m)} ranges are announced, but {len(rest)} more words follow"
-            )
-        _add(LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m), scans, where)
-    return ScanLog(path, half_circle(len(scans[0].ranges_m)), scans)
+    where: str
+    scan: LoggedScan
+    scanner: LidarGeometry
+    """on the robot's base"""
+    laser: Pose2D | None = None
+    """on the robot, by the line's two poses"""
 
 
-def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
-    """The scans of a CARMEN log with the odometry that belongs to each.
+def parse_log(path: Path, lines: list[str]) -> ScanLog:
+    """The scans of a table if the lines begin with a number, else those of a CARMEN log.
+
+    A table's lines are ``stamp x y theta n r1..rn``, where ``#`` begins a comment: x, y (metres) and theta
+    (radians) are the wheel odometry; the beams' angles are those of ``half_circle``. Of CARMEN:
 
     - ``FLASER n r1..rn x y theta odom_x odom_y odom_theta stamp ...``: the second pose is the odometry.
       The message does not tell the beams' angles: ``half_circle``.
@@ -245,21 +217,69 @@ def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
 
     Where a laser's pose lies at one and the same place on the robot in the whole log, that is the sensor's
     mount. In a log of several kinds, the kind that comes first counts. Comments and all other messages are
-    passed over.
+    passed over. Single NaN or negative ranges are beams that say nothing.
 
     Raises:
-        InputError: no scan, no odometry, a number that is none or that no scanner has, or a scan unlike the
-            first one of the log.
+        InputError: one line with the file and, where there is one, the line: no scan, no odometry, odometry
+            too far off or turned too far for a map, a number that is none or that no scanner has, or a scan
+            unlike the first one of the log.
     """
-    kind = next((words[0] for line in lines if (words := line.split()) and words[0] in _PARSERS), None)
+    said = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "-").split()
+    if is_number(said[0]):
+        return _log(path, _of_table(path, lines))
+    kind = next((words[0] for line in lines if (words := line.split()) and words[0] in _KINDS), None)
     if kind is None:
-        raise InputError(f"{path}: no laser scan: no line begins with {' or '.join(_PARSERS)}")
-    return _PARSERS[kind](path, lines, kind)
+        raise InputError(f"{path}: no laser scan: no line begins with {' or '.join(_KINDS)}")
+    return _log(path, (_of_raw if kind == "RAWLASER1" else _of_posed)(path, lines, kind))
 
 
-def _parse_rawlaser(path: Path, lines: list[str], kind: str) -> ScanLog:
+_KINDS = ("FLASER", "RAWLASER1", "ROBOTLASER1")
+
+
+def _log(path: Path, said: Iterator[_Line]) -> ScanLog:
+    """The log of its lines, with its laser's mount if the laser has one place on the robot in all of it."""
     scans: list[LoggedScan] = []
+    lasers: list[Pose2D] = []
     geometry: LidarGeometry | None = None
+    for where, scan, scanner, laser in said:
+        geometry = geometry or scanner
+        if len(scan.ranges_m) != geometry.beams:
+            beams = f"{len(scan.ranges_m)} ranges in a log whose first scan has {geometry.beams}"
+            raise InputError(f"{where}: a scan of {beams}")
+        _check_pose(scan.odometry, "odometry", where)
+        scans.append(scan)
+        lasers += [] if laser is None else [laser]
+    if geometry is None:
+        raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
+    log = ScanLog(path, geometry, scans)
+    if not lasers or np.ptp(np.array(lasers), axis=0).max() >= _SAME_PLACE:
+        return log
+    off_m = math.hypot(lasers[0].x, lasers[0].y)
+    if off_m > LONGEST_MOUNT_M:
+        return replace(log, laser_off_m=off_m)
+    return replace(log, geometry=replace(geometry, mount=lasers[0]))
+
+
+def _of_table(path: Path, lines: list[str]) -> Iterator[_Line]:
+    for number, line in enumerate(lines, start=1):
+        words, where = line.split("#")[0].split(), f"{path}:{number}"
+        if not words:
+            continue
+        if len(words) < 5 or _count_of(words[4]) is None:
+            raise InputError(
+                f"{where}: odometry missing: a line must read 'stamp x y theta n r1 .. rn', with the number "
+                "of ranges in the fifth place"
+            )
+        stamp_s, x, y, yaw = numbers(words[:4], where, "stamp and odometry")
+        ranges_m, rest = _take_ranges(words[4:], where)
+        if rest:
+            raise InputError(
+                f"{where}: {len(ranges_m)} ranges are announced, but {len(rest)} more words follow"
+            )
+        yield _Line(where, LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m), half_circle(len(ranges_m)))
+
+
+def _of_raw(path: Path, lines: list[str], kind: str) -> Iterator[_Line]:
     odometry: Pose2D | None = None
     for where, words in _messages(path, lines, "ODOM", kind):
         if words[0] == "ODOM":
@@ -271,21 +291,14 @@ def _parse_rawlaser(path: Path, lines: list[str], kind: str) -> ScanLog:
             stamp = numbers(rest[:1], where, "stamp")
             if not stamp:
                 raise InputError(f"{where}: the line ends before the stamp of the scan")
-            _add(LoggedScan(stamp[0], odometry, ranges_m), scans, where)
-            geometry = geometry or scanner
-    if geometry is None:
-        raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
-    return ScanLog(path, geometry, scans)
+            yield _Line(where, LoggedScan(stamp[0], odometry, ranges_m), scanner)
 
 
-def _parse_posed(path: Path, lines: list[str], kind: str) -> ScanLog:
-    """The scans of ``FLASER`` or ``ROBOTLASER1``, whose lines have the laser's pose and the robot's."""
-    scans: list[LoggedScan] = []
-    geometries: list[LidarGeometry] = []
-    lasers_on_base: list[Pose2D] = []
+def _of_posed(path: Path, lines: list[str], kind: str) -> Iterator[_Line]:
+    """Of ``FLASER`` or ``ROBOTLASER1``, whose lines have the laser's pose and the robot's."""
     for where, words in _messages(path, lines, kind):
         if kind == "FLASER":
-            ranges_m, rest = take_ranges(words[1:], where)
+            ranges_m, rest = _take_ranges(words[1:], where)
             scanner, fewest, stamp_at = half_circle(len(ranges_m)), 7, 6
             needed = f"x y theta, odom_x odom_y odom_theta and a stamp must follow the {len(ranges_m)} ranges"
         else:
@@ -297,15 +310,14 @@ def _parse_posed(path: Path, lines: list[str], kind: str) -> ScanLog:
             )
         if len(rest) < fewest:
             raise InputError(f"{where}: odometry missing: {needed}; the line holds {len(rest)} more words")
-        odometry, laser = _take_poses(rest, where)
+        placed = Pose2D(*numbers(rest[0:3], where, "laser pose"))
+        odometry = Pose2D(*numbers(rest[3:6], where, "odometry"))
+        _check_pose(placed, "laser's pose", where)
+        _check_pose(odometry, "odometry", where)
+        laser = placed.relative_to(odometry)
         (stamp_s,) = numbers([rest[stamp_at]], where, "stamp")
-        _add(LoggedScan(stamp_s, odometry, ranges_m, odometry.compose(laser)), scans, where)
-        geometries.append(scanner)
-        lasers_on_base.append(laser)
-    return _mounted(ScanLog(path, geometries[0], scans), lasers_on_base)
-
-
-_PARSERS = {"FLASER": _parse_posed, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_posed}
+        scan = LoggedScan(stamp_s, odometry, ranges_m, odometry.compose(laser))
+        yield _Line(where, scan, scanner, laser)
 
 
 def _messages(path: Path, lines: list[str], *kinds: str) -> Iterator[tuple[str, list[str]]]:
@@ -316,11 +328,23 @@ def _messages(path: Path, lines: list[str], *kinds: str) -> Iterator[tuple[str, 
             yield f"{path}:{number}", words
 
 
-def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, list[str]]:
-    """The scanner on the robot's base, its ranges and the words after ranges and remissions.
+def _take_ranges(words: list[str], where: str) -> tuple[Floats, list[str]]:
+    """The ranges at the head of ``words``, which begin with their number, and the words after them.
 
-    Raises InputError, named by ``where``, for a scanner that cannot be.
+    An infinite range is NaN in the result: logs do not say whether it means open space.
     """
+    count = _count_of(words[0]) if words else None
+    if count is None or count < 2:
+        found = short(words[0]) if words else "nothing"
+        raise InputError(f"{where}: the number of ranges must be a whole number from 2 on, not {found}")
+    if len(words) - 1 < count:
+        raise InputError(f"{where}: {count} ranges are announced, but only {len(words) - 1} words follow")
+    ranges_m = np.array(numbers(words[1 : 1 + count], where, "range", are_finite=False))
+    return np.where(np.isfinite(ranges_m), ranges_m, np.nan), words[1 + count :]
+
+
+def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, list[str]]:
+    """The scanner on the robot's base, its ranges and the words after ranges and remissions."""
     if len(words) < 9:
         raise InputError(f"{where}: the line ends before the number of ranges")
     start_rad, _, step_rad, range_max_m = numbers(words[2:6], where, "start angle, fov, step, largest range")
@@ -328,7 +352,7 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
         raise InputError(f"{where}: angle step: 0 rad; one beam lies beside the other in every scanner")
     if range_max_m <= 0.0:
         raise InputError(f"{where}: largest range: {range_max_m:g} m; it must be above 0")
-    ranges_m, rest = take_ranges(words[8:], where)
+    ranges_m, rest = _take_ranges(words[8:], where)
     round_rad = abs(step_rad) * (len(ranges_m) - 1)
     if round_rad > FULL_CIRCLE_RAD:
         raise InputError(
@@ -344,67 +368,21 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
         raise InputError(
             f"{where}: range: {too_far[0]:g} m is further than {LARGEST_MAP_M:g} m; are ranges in metres?"
         )
-    count = count_of(rest[0]) if rest else None
-    remissions = 0 if count is None else 1 + count
-    base = Pose2D(0.0, 0.0, 0.0)
-    geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, base)
-    return geometry, ranges_m, rest[remissions:]
+    count = _count_of(rest[0]) if rest else None
+    geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, _BASE)
+    return geometry, ranges_m, rest if count is None else rest[1 + count :]
 
 
-def _take_poses(words: list[str], where: str) -> tuple[Pose2D, Pose2D]:
-    """Of the laser's pose and the robot's, three words each: the robot's, and the laser's on the robot."""
-    laser = Pose2D(*numbers(words[0:3], where, "laser pose"))
-    odometry = Pose2D(*numbers(words[3:6], where, "odometry"))
-    _check_pose(laser, "laser's pose", where)
-    _check_pose(odometry, "odometry", where)
-    return odometry, laser.relative_to(odometry)
-
-
-def _mounted(log: ScanLog, lasers_on_base: list[Pose2D]) -> ScanLog:
-    """The log with its laser's mount, if the laser has one place on the robot in the whole log."""
-    if np.ptp(np.array(lasers_on_base), axis=0).max() >= _SAME_PLACE:
-        return log
-    mount = lasers_on_base[0]
-    off_m = math.hypot(mount.x, mount.y)
-    if off_m > LONGEST_MOUNT_M:
-        return replace(log, laser_off_m=off_m)
-    return replace(log, geometry=replace(log.geometry, mount=mount))
-
-
-def read_scan_log(path: Path) -> ScanLog:
-    """The scans of a log, gzipped or plain: a table if it begins with a number, else CARMEN's format.
-
-    The largest range is that of the sensor or, where readings pile up below it, that of ``with_ceiling``.
-
-    Raises:
-        InputError: one line with the file and, where there is one, the line: an empty or unreadable file, no
-            scan, missing odometry, odometry too far off or turned too far for a map, a scan of another
-            length, a scanner that no robot has, a word that is no number, NaN for odometry, or no range that
-            says anything. Single NaN or negative ranges are beams that say nothing.
-    """
-    lines = read_lines(path)
-    words = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [""])
-    log = parse_table(path, lines) if is_number(words[0]) else parse_carmen(path, lines)
-    if log.invalid_ranges == len(log) * log.geometry.beams:
-        raise InputError(f"{path}: every range in the log is NaN or infinite; there is nothing to map")
-    told_m = log.geometry.range_max_m
-    log = replace(log, geometry=with_ceiling(log.geometry, log.scans))
-    largest_m = log.geometry.range_max_m
-    # 1 cm below it GMapping begins to take readings for "nothing came back"
-    if not any(np.any((scan.ranges_m > 0.0) & (scan.ranges_m < largest_m - 0.01)) for scan in log):
-        sensors = f"the sensor's {largest_m:g} m"
-        lowered = f"{largest_m:g} m, where readings pile up, which therefore count as 'nothing came back'"
+def _check_pose(pose: Pose2D, whose: str, where: str) -> None:
+    """Raise InputError if a pose is further off than a map may be, or turned by more than a robot can be."""
+    x, y, yaw = pose
+    if max(abs(x), abs(y)) > LARGEST_MAP_M:
         raise InputError(
-            f"{path}: no range lies between 0 and {lowered if largest_m < told_m else sensors}; "
-            "there is nothing to map"
+            f"{where}: the {whose} x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
+            "no map can be that large; is it in metres?"
         )
-    return log
-
-
-def is_number(word: str) -> bool:
-    """Whether a word is one as Python reads it, nan and inf included."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    if abs(yaw) > LARGEST_HEADING_RAD:
+        raise InputError(
+            f"{where}: the {whose} has a heading of {yaw:g} rad, more than a robot turns in a day; "
+            "is it in radians?"
+        )

@@ -28,6 +28,7 @@ from midnet_bench.workflows.maps import write_trajectory
 from midnet_bench.workflows.report import write_report
 from midnet_bench.workflows.simulate import simulate
 from tests.fuzz import mutations, originals, recordings
+from tests.fuzz.mutations import chance, pick, text_file
 
 Random = random.Random
 DRAWN = 0.03
@@ -76,27 +77,19 @@ Make = Callable[[Random | None, Path], Case]
 """Writes a reader's input into a folder, mutated by the generator, or as it is if there is none."""
 
 
-def _mutated(data: bytes, rng: Random | None, is_tree: bool = False) -> bytes:
-    return data if rng is None else mutations.text_file(data, rng, is_tree)
-
-
-def _pick(rng: Random | None, choices: Sequence[Any]) -> Any:
-    return choices[0] if rng is None else rng.choice(choices)
-
-
 def campaign(rng: Random | None, folder: Path) -> Case:
     """Campaign files, asked what would run."""
-    text = _pick(rng, list(originals.campaigns().values()))
-    (folder / "campaign.yaml").write_bytes(_mutated(text, rng, True))
+    text = text_file(pick(rng, list(originals.campaigns().values())), rng, True)
+    (folder / "campaign.yaml").write_bytes(text)
     return command("run", "campaign.yaml", "-n")
 
 
 def arena(rng: Random | None, folder: Path) -> Case:
     """Arena files, drawn as a map or asked for a campaign."""
-    (folder / "arena.yaml").write_bytes(_mutated(_pick(rng, originals.arenas()), rng, True))
+    (folder / "arena.yaml").write_bytes(text_file(pick(rng, originals.arenas()), rng, True))
     exact = ("map", "arena.yaml", "--exact", "-o", "out")
     planned = ("labyrinth", "--arena", "arena.yaml", "--trials", "1", "-n")
-    return command(*_pick(rng, (exact, planned)), writes=("out",))
+    return command(*pick(rng, (exact, planned)), writes=("out",))
 
 
 def trial(rng: Random | None, folder: Path) -> Case:
@@ -106,7 +99,7 @@ def trial(rng: Random | None, folder: Path) -> Case:
         text = mutations.tree(text, rng)
     (folder / "arena.yaml").write_bytes(text)
     parameters: dict[str, Any] = {"arena": "arena.yaml", "prior_map": "exact", "robots": 2}
-    if rng is not None and rng.random() < 0.5:
+    if rng is not None and chance(rng, 0.5):
         key, parameters[key] = _setting("detection", rng)
     parameters |= {"engine": "fast", "frames": 2}
 
@@ -120,13 +113,13 @@ def trial(rng: Random | None, folder: Path) -> Case:
 
 def ros_map(rng: Random | None, folder: Path) -> Case:
     """map_server's pairs: the YAML file or the image mutated."""
-    name = _pick(rng, sorted(originals.images()))
+    name = pick(rng, sorted(originals.images()))
     text, image = originals.map_yaml(name), originals.images()[name]
-    if rng is not None and rng.random() < 0.5:
-        text = mutations.text_file(text, rng, True)
+    if chance(rng, 0.5):
+        text = text_file(text, rng, True)
     elif rng is not None:
         is_png = name.endswith("png") and rng.random() < 0.7
-        image = mutations.png(image, rng) if is_png else mutations.text_file(image, rng)
+        image = mutations.png(image, rng) if is_png else text_file(image, rng)
     (folder / "map.yaml").write_bytes(text)
     (folder / name).write_bytes(image)
     return command("detection", "--robots", "1", "--map", "map.yaml", "-n")
@@ -134,18 +127,17 @@ def ros_map(rng: Random | None, folder: Path) -> Case:
 
 def scan_log(rng: Random | None, folder: Path) -> Case:
     """Recorded logs, plain or gzipped, mapped."""
-    data = _mutated(_pick(rng, list(originals.scan_logs().values())), rng)
+    data = text_file(pick(rng, list(originals.scan_logs().values())), rng)
     path = folder / "run.log"
-    if rng is not None and rng.random() < 0.2:
+    if rng is not None and chance(rng, 0.2):
         data = gzip.compress(data)
-        if rng.random() < 0.5:
-            data = mutations.file_bytes(data, rng)
+        data = mutations.file_bytes(data, rng) if chance(rng, 0.5) else data
     path.write_bytes(data)
     if rng is None or rng.random() < DRAWN:
         line = ("map", "--from-log", path.name, "--particles", "2", "--no-clip", "-o", "out")
         return command(*line, writes=("out",))
 
-    particles = _pick(rng, (2, None))  # GMapping or graph SLAM
+    particles = pick(rng, (2, None))  # GMapping or graph SLAM
 
     def map_it() -> None:
         log = read_scan_log(Path(path.name))
@@ -158,16 +150,16 @@ def scan_log(rng: Random | None, folder: Path) -> Case:
 
 def trajectory(rng: Random | None, folder: Path) -> Case:
     """Trajectories and relations that a benchmark compares maps with."""
-    kind = _pick(rng, sorted(originals.relations()))
+    kind = pick(rng, sorted(originals.relations()))
     path = folder / f"{kind}.txt"
-    path.write_bytes(_mutated(originals.relations()[kind], rng))
+    path.write_bytes(text_file(originals.relations()[kind], rng))
     read = read_dense_odometry if kind == "odometry" else read_relations
     return function(f"{read.__name__}({path.name})", lambda: read(Path(path.name)))
 
 
 def store(rng: Random | None, folder: Path) -> Case:
     """Stores with their bytes, rows or tables of a trial mutated."""
-    name = _pick(rng, ("labyrinth", "detection"))
+    name = pick(rng, ("labyrinth", "detection"))
     shutil.copytree(campaigns_folder(folder) / name, folder / name)
     path = folder / name / "campaign.sqlite"
     if rng is not None and rng.random() < 0.4:
@@ -179,18 +171,18 @@ def store(rng: Random | None, folder: Path) -> Case:
 
 def tables(rng: Random | None, folder: Path) -> Case:
     """Exported tables, without their store."""
-    name = _pick(rng, ("labyrinth-tables", "detection-tables"))
+    name = pick(rng, ("labyrinth-tables", "detection-tables"))
     shutil.copytree(campaigns_folder(folder) / name, folder / name)
     files = sorted(path for path in (folder / name).iterdir())
     if rng is not None:
         path = rng.choice(files)
-        path.write_bytes(mutations.text_file(path.read_bytes(), rng, path.suffix == ".json"))
+        path.write_bytes(text_file(path.read_bytes(), rng, path.suffix == ".json"))
     return _reported(rng, folder, name)
 
 
 def experiment(rng: Random | None, folder: Path) -> Case:
     """Files with an experiment of one's own."""
-    (folder / "walk.py").write_bytes(_mutated(originals.EXPERIMENT, rng))
+    (folder / "walk.py").write_bytes(text_file(originals.EXPERIMENT, rng))
     (folder / "walking.yaml").write_bytes(originals.WALKING)
     return command("run", "walking.yaml", "-n")
 
@@ -203,7 +195,7 @@ def option(rng: Random | None, folder: Path) -> Case:
     (folder / "campaign.yaml").write_bytes(originals.campaigns()["smoke-labyrinth"])
     (folder / "map.yaml").write_bytes(originals.map_yaml("map.pgm"))
     (folder / "map.pgm").write_bytes(originals.images()["map.pgm"])
-    line = list(_pick(rng, _EXAMPLES))
+    line = list(pick(rng, _EXAMPLES))
     if rng is not None:
         for _ in range(rng.choice((1, 1, 2, 3))):
             _mutate_line(line, rng)
@@ -267,7 +259,7 @@ def _reported(rng: Random | None, folder: Path, name: str) -> Case:
         ("verify", name, "--difference", "5", "--robots", "1,2"),
     ]
     drawn = [("report", name), ("report", name, "-o", "out"), ("compare", name, original.name, "-o", "out")]
-    return command(*_pick(rng, drawn if kind < DRAWN else lines), writes=writes, good_codes=(0, 3, 4))
+    return command(*pick(rng, drawn if kind < DRAWN else lines), writes=writes, good_codes=(0, 3, 4))
 
 
 def _mutate_rows(path: Path, rng: Random) -> None:
@@ -279,7 +271,7 @@ def _mutate_rows(path: Path, rng: Random) -> None:
         ).fetchall()
         row_id, *values, _ = rng.choice(found)
         row = rows.TrialRow(*values)
-        text = mutations.text_file(zlib.decompress(row.result), rng, True)
+        text = text_file(zlib.decompress(row.result), rng, True)
         if rng.random() < 0.5:
             text = _as_json(text)
         connection.execute("DELETE FROM trials WHERE rowid = ?", (row_id,))

@@ -10,6 +10,7 @@ from typing import Any
 
 from midnet_bench.recording.files.ros_messages import Message
 from tests.fuzz import mutations, originals
+from tests.fuzz.mutations import chance, pick, text_file
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, Said
 
@@ -83,7 +84,7 @@ def write_recordings(folder: Path) -> None:
 def bag(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
     """A bag of any kind with its bytes mutated, or its metadata."""
     _beside(sources, folder)
-    container = CONTAINERS[0] if rng is None else rng.choice(CONTAINERS)
+    container = pick(rng, CONTAINERS)
     original = next(path for path in sources.iterdir() if path.stem == container)
     path = folder / original.name
     if original.is_dir():
@@ -94,55 +95,42 @@ def bag(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
         file = rng.choice(sorted(path.iterdir())) if path.is_dir() else path
         data = file.read_bytes()
         is_text = file.suffix == ".yaml"
-        file.write_bytes(mutations.text_file(data, rng, True) if is_text else mutations.file_bytes(data, rng))
-    return path.name, *(WAYS[0] if rng is None else rng.choice(WAYS))
+        file.write_bytes(text_file(data, rng, True) if is_text else mutations.file_bytes(data, rng))
+    return path.name, *pick(rng, WAYS)
 
 
 def bag_messages(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
     """A sound bag of messages that say what cannot be, or of what an exported trial says of itself."""
     _beside(sources, folder)
-    said = list(messages())
-    way = WAYS[0] if rng is None else rng.choice(WAYS)
-    if rng is not None and rng.random() < 0.4:
-        text = json.dumps(OWN)
-        data = mutations.text_file(text.encode(), rng, True)
-        try:
-            text = (
-                json.dumps(_yaml(mutations.tree(text.encode(), rng))) if rng.random() < 0.5 else data.decode()
-            )
-        except (TypeError, ValueError, UnicodeDecodeError, RecursionError):
-            text = data.decode(errors="replace")
+    said, way = list(messages()), pick(rng, WAYS)
+    if chance(rng, 0.4):
+        text = text_file(json.dumps(OWN).encode(), rng, True).decode(errors="replace")
         message = Message("std_msgs/msg/String", {"data": text.replace("\0", "")})
         said.append(Said("/midnet/replay", made.ns_of(0.0), message, is_kept=True))
-        way = rng.choice(((), ("--map", "/map")))
+        way = pick(rng, ((), ("--map", "/map")))
     elif rng is not None:
         kinds = sorted({one.message.kind for one in said})
         for _ in range(rng.choice((1, 2, 5))):
             kind = rng.choice(kinds)  # as many maps as scans
             at = rng.choice([k for k, one in enumerate(said) if one.message.kind == kind])
             said[at] = said[at]._replace(message=Message(kind, _mutated(said[at].message.fields, rng)))
-    containers = ("mcap", "ros1")
-    written: list[Said] = []
-    for one in said:
-        if _can_be_written(one, folder):
-            written.append(one)
-    path = made.write_bag(folder, written, containers[0] if rng is None else rng.choice(containers), "said")
-    return path.name, *way
+    written = [one for one in said if _can_be_written(one, folder)]
+    return made.write_bag(folder, written, pick(rng, ("mcap", "ros1")), "said").name, *way
 
 
 def table(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
     """Tables of scans and poses and a log, mutated."""
     _beside(sources, folder)
-    name = "table.csv" if rng is None else rng.choice(("table.csv", "scans.csv", "run.log"))
-    poses = "poses.tum" if rng is None else rng.choice(("poses.tum", "poses.csv"))
+    name = pick(rng, ("table.csv", "scans.csv", "run.log"))
+    poses = pick(rng, ("poses.tum", "poses.csv"))
     shutil.copy(sources / name, folder)
     shutil.copy(sources / poses, folder)
     if rng is not None:
         path = folder / rng.choice((name, name, poses))
-        path.write_bytes(mutations.text_file(path.read_bytes(), rng))
+        path.write_bytes(text_file(path.read_bytes(), rng))
     mount = ("--setup", "mount.yaml", "--map", "map.yaml")
     ways = [(*mount, "--pose", "pose"), (*mount, "--pose", poses), ()]
-    return name, *(ways[0] if rng is None else rng.choice(ways[1:] if name == "scans.csv" else ways))
+    return name, *pick(rng, ways[1:] if name == "scans.csv" else ways)
 
 
 def setup(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
@@ -150,11 +138,11 @@ def setup(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
     _beside(sources, folder)
     shutil.copy(sources / "mcap.mcap", folder)
     text = json.dumps(SETUP).encode()
-    if rng is not None and rng.random() < 0.8:
-        text = mutations.text_file(text, rng, True)
+    if chance(rng, 0.8):
+        text = text_file(text, rng, True)
     elif rng is not None:
         path = folder / "truth.csv"
-        path.write_bytes(mutations.text_file(path.read_bytes(), rng))
+        path.write_bytes(text_file(path.read_bytes(), rng))
     (folder / "setup.yaml").write_bytes(text)
     return "mcap.mcap", "--setup", "setup.yaml"
 
@@ -165,12 +153,6 @@ RECORDINGS = {"bag": bag, "bag's messages": bag_messages, "recorded table": tabl
 def _beside(sources: Path, folder: Path) -> None:
     for name in ("map.yaml", "map.pgm", "truth.csv", "background.yaml", "mount.yaml"):
         shutil.copy(sources / name, folder)
-
-
-def _yaml(text: bytes) -> Any:
-    import yaml
-
-    return yaml.safe_load(text)
 
 
 def _mutated(fields: Any, rng: Random) -> Any:

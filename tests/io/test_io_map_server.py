@@ -23,6 +23,7 @@ KEYS = {
     "occupied_thresh": "0.65",
     "free_thresh": "0.196",
 }
+ONE_CELL = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
 ALL_GREYS = np.arange(256, dtype=np.uint8).reshape(16, 16)
 
 in_one_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -156,86 +157,54 @@ def two_headers() -> bytes:
     return whole[:8] + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header)) + whole[8:]
 
 
-def test_other_kinds_of_png(tmp_path: Path) -> None:
-    yaml_path = write_yaml(tmp_path, image="map.png", mode="raw")
-    (tmp_path / "map.png").write_bytes(png(4, 8, [bytes([10, 255, 20, 0])]))  # grey with alpha
-    assert load_map(yaml_path).data.tolist() == [[10, 20]]
-    (tmp_path / "map.png").write_bytes(png(0, 16, [bytes([10, 7, 20, 250])]))  # 16 bits deep
-    assert load_map(yaml_path).data.tolist() == [[10, 20]]
-    (tmp_path / "map.png").write_bytes(png(3, 8, [bytes([1, 0])], palette=bytes([3, 4, 5, 60, 60, 60])))
-    assert load_map(yaml_path).data.tolist() == [[60, 4]]
-    in_scale = write_yaml(tmp_path, image="map.png", mode="scale")
+RAW_IMAGES = [
+    (png(4, 8, [bytes([10, 255, 20, 0])]), [[10, 20]]),  # grey with alpha
+    (png(0, 16, [bytes([10, 7, 20, 250])]), [[10, 20]]),  # 16 bits deep
+    (png(3, 8, [bytes([1, 0])], palette=bytes([3, 4, 5, 60, 60, 60])), [[60, 4]]),
+    (b"P5 # a comment\n# another 9 9\n 2\t1 \r\n255\n#!", [[35, 33]]),  # pixels may look like a comment
+    (b"P2\n# plain\n3 2\n100\n0 50 100 # last of a row\n100\n50 0\n", [[255, 128, 0], [0, 128, 255]]),
+    (b"P5\n2 1\n65535\n" + bytes([0, 255, 255, 255]), [[0, 255]]),
+    (b"P5\n2 1\n255\n" + bytes([1, 2, 3, 4]), [[1, 2]]),  # what follows the image is not of it
+    (b"P5\n2 1\n100\n" + bytes([100, 255]), [[255, 255]]),  # brighter than its own white is white
+]
+
+
+@pytest.mark.parametrize(("content", "values"), RAW_IMAGES, ids=range(len(RAW_IMAGES)))
+def test_kinds_headers_and_depths_of_images(tmp_path: Path, content: bytes, values: list[list[int]]) -> None:
+    (tmp_path / "map.pgm").write_bytes(content)
+    assert load_map(write_yaml(tmp_path, mode="raw")).data.view(np.uint8).tolist() == values
+
+
+def test_a_clear_colour_of_a_png(tmp_path: Path) -> None:
     one_is_clear = png(2, 8, [bytes([0, 0, 0, 9, 9, 9])], transparent=bytes([0, 9, 0, 9, 0, 9]))
     (tmp_path / "map.png").write_bytes(one_is_clear)
-    assert load_map(in_scale).data.tolist() == [[100, 100]]
+    assert load_map(write_yaml(tmp_path, image="map.png", mode="scale")).data.tolist() == [[100, 100]]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (png(0, 8, [b"\0"], says=(100_000, 100_000)), "too many pixels for a map"),
-        (png(0, 8, [b"\0"], says=(4_000, 4_000)), "truncated or damaged"),
-        (png(0, 8, [b"\0"], says=(0, 1)), "truncated or damaged"),
-        (png(0, 8, [b"\0"], says=(1, 2)), "truncated or damaged"),
-        (png(0, 8, [b"\0"])[:8] + png(0, 8, [b"\0"])[-12:], "truncated or damaged"),
-        (two_headers(), "truncated or damaged"),
-    ],
-)
-def test_a_png_that_says_what_it_does_not_hold_is_one_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes, message: str
-) -> None:
-    (tmp_path / "map.png").write_bytes(content)
-    path = write_yaml(tmp_path, image="map.png")
-    with pytest.raises(InputError, match=message) as caught:
-        load_map(path)
-    assert str(caught.value).startswith(f"{path}: image: {tmp_path / 'map.png'}: ")
-    assert capfd.readouterr().err == ""
-
-
-def test_headers_and_depths_of_pgm(tmp_path: Path) -> None:
-    yaml_path = write_yaml(tmp_path, mode="raw")
-    image = tmp_path / "map.pgm"
-    image.write_bytes(
-        b"P5 # a comment\n# another 9 9\n 2\t1 \r\n255\n#!"
-    )  # the pixels may look like a comment
-    assert load_map(yaml_path).data.tolist() == [[35, 33]]
-    image.write_bytes(b"P2\n# plain\n3 2\n100\n0 50 100 # last of a row\n100\n50 0\n")
-    assert load_map(yaml_path).data[::-1].view(np.uint8).tolist() == [[0, 128, 255], [255, 128, 0]]
-    image.write_bytes(b"P5\n2 1\n65535\n" + bytes([0, 255, 255, 255]))
-    assert load_map(yaml_path).data.view(np.uint8).tolist() == [[0, 255]]
-    image.write_bytes(b"P5\n2 1\n255\n" + bytes([1, 2, 3, 4]))  # what follows the image is not of it
-    assert load_map(yaml_path).data.tolist() == [[1, 2]]
-    image.write_bytes(b"P5\n2 1\n100\n" + bytes([100, 255]))  # brighter than its own white is white
-    assert load_map(yaml_path).data.view(np.uint8).tolist() == [[255, 255]]
+NO_VALUES = {
+    "image": ("''", "[a]"),
+    "mode": ("trinry", "[1]"),
+    "resolution": ("0", "-0.05", ".nan", "true", f"1{'0' * 400}", "fine"),
+    "origin": ("0",),
+    "free_thresh": ("-0.1",),
+    "occupied_thresh": ("1.1", "{}"),
+}
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         *(({key: None}, f"{key}: ") for key in KEYS),
-        ({"image": "''"}, "image: "),
-        ({"image": "[a]"}, "image: "),
+        *(({key: value}, f"{key}: ") for key, values in NO_VALUES.items() for value in values),
         ({"image": "nowhere.pgm"}, "nowhere.pgm: cannot be read: No such file"),
         ({"image": "map.yaml"}, "map.yaml: not a PGM"),
-        ({"mode": "trinry"}, "mode: "),
-        ({"mode": "[1]"}, "mode: "),
-        ({"resolution": "0"}, "resolution: "),
-        ({"resolution": "-0.05"}, "resolution: "),
-        ({"resolution": ".nan"}, "resolution: "),
-        ({"resolution": "true"}, "resolution: "),
-        ({"resolution": f"1{'0' * 400}"}, "resolution: "),
         ({"origin": "2020-13-45"}, "not valid YAML: line 3: '2020-13-45' is not a valid timestamp"),
         ({"image": '"a\\0b.pgm"'}, "a\\x00b.pgm': cannot be read: no file can have this name"),
-        ({"resolution": "fine"}, "resolution: "),
         ({"origin": "[0, 0, .nan]"}, "origin.2: "),
         ({"origin": "[0, 0]"}, "origin"),
         ({"origin": "[0, .inf, 0]"}, "origin.1: "),
-        ({"origin": "0"}, "origin: "),
         ({"negate": "2"}, "negate"),
         ({"free_thresh": "0.65"}, "free_thresh: must be below occupied_thresh"),
-        ({"free_thresh": "-0.1"}, "free_thresh: "),
-        ({"occupied_thresh": "1.1"}, "occupied_thresh: "),
-        ({"occupied_thresh": "{}"}, "occupied_thresh: "),
     ],
 )
 def test_bad_yaml_is_one_line_with_file_and_key(
@@ -251,48 +220,48 @@ def test_bad_yaml_is_one_line_with_file_and_key(
     assert "\n" not in text
 
 
-def test_yaml_that_is_none(tmp_path: Path) -> None:
-    (tmp_path / "map.yaml").write_text("just a text")
-    with pytest.raises(InputError, match="a mapping of keys"):
-        load_map(tmp_path / "map.yaml")
-    with pytest.raises(InputError, match=r"cannot be read: No such file or directory$"):
-        load_map(tmp_path / "other.yaml")
-    with pytest.raises(
-        InputError, match="No such file or directory; the path starts from the working folder"
-    ):
-        load_map(Path("other.yaml"))
-    (tmp_path / "empty.yaml").write_text("# nothing\n")
-    with pytest.raises(InputError, match=r"empty\.yaml: \(top level\): the file is empty"):
-        load_map(tmp_path / "empty.yaml")
-
-
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("name", "text", "message"),
     [
-        (b"P5\n4 4\n255\n" + bytes(15), "truncated or damaged"),
-        (b"P5\n4 4\n1000\n" + bytes(31), "truncated or damaged"),
-        (b"P5\n4000 4000\n255\n", "truncated or damaged"),
-        (b"P5\n400000 400000\n255\n", "too many pixels for a map"),
-        (b"P2\n2 2\n255\n1 2 3", "truncated or damaged"),
-        (b"P2\n2 1\n255\n1 x", "truncated or damaged"),
-        (b"P2\n2 1\n255\n1 -1", "truncated or damaged"),
-        (b"P2\n2 1\n255\n1 256", "truncated or damaged"),
-        (b"P5\n4 4\n", "truncated or damaged"),
-        (b"P5\n" + b"9" * 5000 + b" 4\n255\n", "truncated or damaged"),
-        (b"P5\n0 4\n255\n", "truncated or damaged"),
-        (b"P5\n1 1\n65536\n\0\0\0", "truncated or damaged"),
-        (b"P5\n1 1\n0\n\0", "truncated or damaged"),
-        (b"P6\n1 1\n255\n\0\0\0", "not a PGM"),
-        (b"", "not a PGM"),
+        ("FOLDER/map.yaml", "just a text", "a mapping of keys"),
+        ("FOLDER/empty.yaml", "# nothing\n", r"empty\.yaml: \(top level\): the file is empty"),
+        ("FOLDER/other.yaml", None, r"cannot be read: No such file or directory$"),
+        ("other.yaml", None, "No such file or directory; the path starts from the working folder"),
     ],
 )
-def test_bad_pgm_is_one_line(tmp_path: Path, content: bytes, message: str) -> None:
-    (tmp_path / "map.pgm").write_bytes(content)
+def test_yaml_that_is_none(name: str, text: str | None, message: str, tmp_path: Path) -> None:
+    path = Path(name.replace("FOLDER", str(tmp_path)))
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_map(path)
+
+
+DAMAGED = [
+    *(b"P5\n4 4\n255\n" + bytes(15), b"P5\n4 4\n1000\n" + bytes(31), b"P5\n4000 4000\n255\n", b"P5\n4 4\n"),
+    *(b"P2\n2 2\n255\n1 2 3", b"P2\n2 1\n255\n1 x", b"P2\n2 1\n255\n1 -1", b"P2\n2 1\n255\n1 256"),
+    *(b"P5\n" + b"9" * 5000 + b" 4\n255\n", b"P5\n0 4\n255\n", b"P5\n1 1\n65536\n\0\0\0", b"P5\n1 1\n0\n\0"),
+    *(png(0, 8, [b"\0"], says=size) for size in ((4_000, 4_000), (0, 1), (1, 2))),
+    *(png(0, 8, [b"\0"])[:8] + png(0, 8, [b"\0"])[-12:], two_headers()),
+]
+IMAGES = [(content, "truncated or damaged") for content in DAMAGED] + [
+    (b"P5\n400000 400000\n255\n", "too many pixels for a map"),
+    (png(0, 8, [b"\0"], says=(100_000, 100_000)), "too many pixels for a map"),
+    (b"P6\n1 1\n255\n\0\0\0", "not a PGM"),
+    (b"", "not a PGM"),
+]
+
+
+@pytest.mark.parametrize(("content", "message"), IMAGES, ids=range(len(IMAGES)))
+def test_an_image_that_is_none_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes, message: str
+) -> None:
+    (tmp_path / "map.pgm").write_bytes(content)  # what it is, its first bytes say
     path = write_yaml(tmp_path)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_map(path)
     assert str(caught.value).startswith(f"{path}: image: {tmp_path / 'map.pgm'}: ")
-    assert message in str(caught.value)
+    assert capfd.readouterr().err == ""
 
 
 def test_damaged_png_is_refused_without_a_word_on_stderr(
@@ -366,9 +335,8 @@ def test_map_saved_at_a_threshold_is_the_binary_map_of_eq_1(
 
 
 def test_names_that_yaml_would_misread_are_quoted(tmp_path: Path) -> None:
-    grid = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
     for stem in ("a: b", "# étage 2", "x" * 120 + " y"):
-        save_map(grid, tmp_path / f"{stem}.yaml")
+        save_map(ONE_CELL, tmp_path / f"{stem}.yaml")
         assert load_map(tmp_path / f"{stem}.yaml").data.tolist() == [[0]]
 
 
@@ -380,36 +348,34 @@ def test_numbers_as_yaml_1_1_writes_them(tmp_path: Path) -> None:
 
 
 def test_failed_save_is_one_line_and_leaves_the_old_map(tmp_path: Path) -> None:
-    grid = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written: Not a directory"):
-        save_map(grid, tmp_path / "file" / "map.yaml")
+        save_map(ONE_CELL, tmp_path / "file" / "map.yaml")
 
-    save_map(grid, tmp_path / "map.yaml")
+    save_map(ONE_CELL, tmp_path / "map.yaml")
     before = (tmp_path / "map.pgm").read_bytes()
     (tmp_path / "map.yaml").unlink()
     (tmp_path / "map.yaml").mkdir()
     with pytest.raises(InputError, match=r"map\.yaml: cannot be written"):
-        save_map(grid, tmp_path / "map.yaml")
+        save_map(ONE_CELL, tmp_path / "map.yaml")
     assert (tmp_path / "map.pgm").read_bytes() == before
     assert {path.name for path in tmp_path.iterdir()} == {"file", "map.pgm", "map.yaml"}
 
 
 @pytest.mark.parametrize(("occ", "free"), [(65, 65), (25, 65), (101, 25), (65, -1), (0, 0)])
 def test_saving_thresholds_out_of_range_are_refused(tmp_path: Path, occ: int, free: int) -> None:
-    grid = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
     with pytest.raises(InputError, match="0 <= free < occ <= 100 is needed"):
-        save_map(grid, tmp_path / "map.yaml", occ=occ, free=free)
+        save_map(ONE_CELL, tmp_path / "map.yaml", occ=occ, free=free)
 
 
 def test_grids_of_the_other_kind_are_refused(tmp_path: Path) -> None:
     # saved as costs, a binary grid would come out with walls and floor swapped
     with pytest.raises(ValueError, match="int8 is needed"):
-        save_map(OccupancyGrid(np.zeros((1, 1), np.uint8), 0.05, (0.0, 0.0)), tmp_path / "map.yaml")
+        save_map(ONE_CELL.with_data(np.zeros((1, 1), np.uint8)), tmp_path / "map.yaml")
     with pytest.raises(ValueError, match="a binary grid is uint8"):
-        save_binary_map(OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.yaml")
+        save_binary_map(ONE_CELL, tmp_path / "map.yaml")
     with pytest.raises(InputError, match="name the YAML file"):
-        save_map(OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.pgm")
+        save_map(ONE_CELL, tmp_path / "map.pgm")
 
 
 def test_a_map_says_in_a_comment_where_it_comes_from(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ class Node(NamedTuple):
     warnings: list[str]
 
 
-def node_of(messages: Sequence[Raw], monkeypatch: pytest.MonkeyPatch) -> Node:
+def node_of(messages: Sequence[Raw]) -> Node:
     """The node over a rospy that hands it these messages, each at its time."""
     heard, done = iter(messages), Node([], [])
     now_s, called = [0.0], dict[str, Callable[[Any], None]]()
@@ -98,9 +98,10 @@ def node_of(messages: Sequence[Raw], monkeypatch: pytest.MonkeyPatch) -> Node:
         logwarn=done.warnings.append,
     )
     found = {"rospy": rospy, "rosgraph": SimpleNamespace(is_master_online=lambda: True)}
-    monkeypatch.setattr(ros_node, "importlib", SimpleNamespace(import_module=found.__getitem__))
-    monkeypatch.setattr(ros_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
-    ros_node.spin(ros_node.Rospy([]), OPTIONS, None)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(ros_node, "importlib", SimpleNamespace(import_module=found.__getitem__))
+        patched.setattr(ros_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+        ros_node.spin(ros_node.Rospy([]), OPTIONS, None)
     return done
 
 
@@ -113,29 +114,21 @@ def stamped(one: Raw, by_s: float) -> Raw:
     return one.said(replace(message, header=replace(message.header, stamp=stamp)))
 
 
-def moved(one: Raw, x: float) -> Raw:
-    message = one.message
-    position = replace(message.pose.position, x=x)
-    return one.said(replace(message, pose=replace(message.pose, position=position)))
-
-
-def ranged(one: Raw, ranges: Callable[[Any], Any]) -> Raw:
-    return one.said(replace(one.message, ranges=np.asarray(ranges(one.message.ranges), np.float32)))
-
-
 def scanned(one: Raw, **fields: Any) -> Raw:
     return one.said(replace(one.message, **fields))
 
 
-def mapped(one: Raw, **fields: Any) -> Raw:
-    return one.said(replace(one.message, info=replace(one.message.info, **fields)))
+def ranged(one: Raw, ranges: Callable[[Any], Any]) -> Raw:
+    return scanned(one, ranges=np.asarray(ranges(one.message.ranges), np.float32))
 
 
-def of_no_turn(one: Raw) -> Raw:
+def posed(one: Raw, part: str, **fields: float) -> Raw:
     pose = one.message.pose
-    return one.said(
-        replace(one.message, pose=replace(pose, orientation=replace(pose.orientation, w=0.0, z=0.0)))
-    )
+    return scanned(one, pose=replace(pose, **{part: replace(getattr(pose, part), **fields)}))
+
+
+def mapped(one: Raw, **fields: Any) -> Raw:
+    return scanned(one, info=replace(one.message.info, **fields))
 
 
 ANY: dict[str, Callable[[Raw], Raw]] = {
@@ -170,16 +163,14 @@ MALFORMED: dict[str, dict[str, Callable[[Raw], Raw]]] = {
     POSE: {
         **ANY,
         **STAMPED,
-        "1e300": lambda one: moved(one, 1e300),
-        "nan": lambda one: moved(one, np.nan),
-        "inf": lambda one: moved(one, -np.inf),
-        "no turn": of_no_turn,
+        "1e300": lambda one: posed(one, "position", x=1e300),
+        "nan": lambda one: posed(one, "position", x=np.nan),
+        "inf": lambda one: posed(one, "position", x=-np.inf),
+        "no turn": lambda one: posed(one, "orientation", w=0.0, z=0.0),
     },
     MAP: {
         **ANY,
-        "empty": lambda one: one.said(
-            replace(one.message, data=one.message.data[:0], info=replace(one.message.info, width=0, height=0))
-        ),
+        "empty": lambda one: scanned(mapped(one, width=0, height=0), data=one.message.data[:0]),
         "wrong size": lambda one: mapped(one, width=7),
         "huge size": lambda one: mapped(one, width=2**32 - 1, height=2**32 - 1),
         "resolution 0": lambda one: mapped(one, resolution=0.0),
@@ -207,76 +198,60 @@ def with_malformed(sound: list[Raw], count: int) -> Iterator[Raw]:
             yield MALFORMED[kind][name](template)._replace(arrived_ns=one.arrived_ns)
 
 
-def check(folder: Path, frames: int, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    sound = drive(folder, frames)
-    wanted = node_of(sound, monkeypatch)
+@pytest.mark.parametrize("frames", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_a_tenth_of_the_messages_is_malformed(frames: int, tmp_path: Path) -> None:
+    sound = drive(tmp_path, frames)
+    wanted = node_of(sound)
     assert len(wanted.frames) == frames - 1
     assert wanted.warnings == []
-    mixed = list(with_malformed(sound, count))
-    found = node_of(mixed, monkeypatch)
+    found = node_of(list(with_malformed(sound, frames)))
     assert found.frames == wanted.frames
     lasts_min = 1 + frames // 300
     assert 1 <= len(found.warnings) <= 14 * lasts_min
     assert all(len(line) < 200 and line.isprintable() for line in found.warnings)
-    print(f"{len(mixed)} messages, {len(mixed) - len(sound)} malformed: {len(found.frames)} frames")
-
-
-def test_a_tenth_of_the_messages_is_malformed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    check(tmp_path, 60, 60, monkeypatch)
-
-
-@pytest.mark.slow
-def test_1000_of_10000_messages_are_malformed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    check(tmp_path, 1000, 1000, monkeypatch)
 
 
 @pytest.fixture(scope="module")
-def few(tmp_path_factory: pytest.TempPathFactory) -> list[Raw]:
-    return drive(tmp_path_factory.mktemp("few"), 12)
+def few(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Raw], list[bytes]]:
+    """Sound messages, and the frames of a node that hears no others."""
+    sound = drive(tmp_path_factory.mktemp("few"), 12)
+    return sound, node_of(sound).frames
 
 
 @pytest.mark.parametrize(("kind", "name"), EVERY)
 @pytest.mark.parametrize("place", ["first", "later"])
-def test_one_malformed_message(
-    kind: str, name: str, place: str, few: list[Raw], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    template = next(one for one in few if one.kind == kind)
-    at = few.index(template) if place == "first" else len(few) // 2
+def test_one_malformed_message(kind: str, name: str, place: str, few: tuple[list[Raw], list[bytes]]) -> None:
+    sound, frames = few
+    template = next(one for one in sound if one.kind == kind)
+    at = sound.index(template) if place == "first" else len(sound) // 2
     if place == "later":
-        template = next((one for one in few[at::-1] if one.kind == kind), template)
+        template = next((one for one in sound[at::-1] if one.kind == kind), template)
     if place == "later" and kind in (SCAN, POSE):
         template = stamped(template, 0.001)
-    bad = MALFORMED[kind][name](template)._replace(arrived_ns=few[at].arrived_ns)
-    found = node_of([*few[:at], bad, *few[at:]], monkeypatch)
-    assert found.frames == node_of(few, monkeypatch).frames
+    bad = MALFORMED[kind][name](template)._replace(arrived_ns=sound[at].arrived_ns)
+    found = node_of([*sound[:at], bad, *sound[at:]])
+    assert found.frames == frames
     assert len(found.frames) == 11
     if (place, kind, name) != ("later", MAP, "empty"):
         assert len(found.warnings) <= 1
 
 
 @pytest.mark.parametrize("by_s", [FIFTY_YEARS_S, 3600.0, -3600.0])
-def test_a_clock_that_is_set_costs_a_second_or_two(
-    by_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def late(one: Raw) -> Raw:
+def test_a_clock_that_is_set_costs_a_second_or_two(by_s: float, tmp_path: Path) -> None:
+    def later(one: Raw, by_s: float) -> Raw:
         return stamped(stamped(one, 7200.0), by_s) if one.kind in (SCAN, POSE) else one
-
-    def early(one: Raw) -> Raw:
-        return stamped(one, 7200.0) if one.kind in (SCAN, POSE) else one
 
     sound = drive(tmp_path, 60)
     middle_ns = sound[len(sound) // 2].arrived_ns
-    found = node_of([early(one) if one.arrived_ns < middle_ns else late(one) for one in sound], monkeypatch)
+    found = node_of([later(one, 0.0 if one.arrived_ns < middle_ns else by_s) for one in sound])
     stamps_s = [int.from_bytes(frame[8:12], "little") - 7200 for frame in found.frames]
     assert sum(0 <= stamp_s < 12 for stamp_s in stamps_s) >= 28
     assert sum(0 <= stamp_s - by_s < 12 for stamp_s in stamps_s) >= 20
 
 
-def test_a_robot_whose_clock_is_off_does_not_silence_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_whose_clock_is_off_does_not_silence_the_others(tmp_path: Path) -> None:
     sound = drive(tmp_path, 40)
     off = [stamped(one, FIFTY_YEARS_S) if one.topic.startswith("/guard_2/") else one for one in sound]
-    found = node_of(off, monkeypatch)
+    found = node_of(off)
     assert len(found.frames) >= 25
     assert len(found.warnings) == 1

@@ -3,7 +3,6 @@
 What a file is, its first bytes say. A ROS 2 folder is its data files; ``metadata.yaml`` only names them.
 """
 
-import functools
 import re
 import stat
 from collections.abc import Iterator
@@ -15,8 +14,6 @@ from typing import Any
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
@@ -27,12 +24,12 @@ from midnet_bench.recording.files.records import (
     ROS1_MAGIC,
     ZSTD_MAGIC,
     TooLargeError,
-    UnindexedMcap,
-    UnindexedRos1,
+    Unindexed,
     check_size,
     unpack_file,
     unpacked,
 )
+from midnet_bench.recording.files.writer import types_of
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 """which tf's first version calls tf/tfMessage"""
@@ -118,16 +115,13 @@ class Bag:
             self.start_ns = min((start_ns for start_ns, _ in spans), default=0)
             self.end_ns = max((end_ns for _, end_ns in spans), default=0)
             self._parts.sort(key=lambda part: _span(part) or (0, 0))
-        except InputError:
-            self.close()
-            raise
-        except TooLargeError as error:
-            self.close()
-            raise InputError(f"{path}: {error}") from error
         except Exception as error:  # whatever a library raises of a file that is no bag
             self.close()
-            raise InputError(f"{path}: no bag that can be read: {in_words(error)}") from error
-        self._store = _types(self._is_ros1)
+            if isinstance(error, InputError):
+                raise
+            what = "" if isinstance(error, TooLargeError) else "no bag that can be read: "
+            raise InputError(f"{path}: {what}{in_words(error)}") from error
+        self._store = types_of(1 if self._is_ros1 else 2).store
 
     def _opened(self, path: Path) -> Any:
         """A reader of a file. Raises TooLargeError: a chunk is too large by what the index says of it."""
@@ -138,9 +132,8 @@ class Bag:
             path, kind = inner, _kind(inner)
         if kind not in READERS:
             raise ValueError(f"{path.name} begins as no bag does")
-        make, unindexed = READERS[kind]
         try:
-            reader = make(path)
+            reader = READERS[kind](path)
             reader.open()
             if isinstance(reader, McapReader) and _span(reader) and not reader.chunks:
                 reader.close()
@@ -148,10 +141,10 @@ class Bag:
         except TooLargeError:
             raise
         except Exception:  # a bag that was cut off has lost its index, and no more than its end
-            if unindexed is None:
+            if kind == SQLITE:
                 raise
             self.remarks.append(f"{path}: its index is missing; its records are read in their order")
-            return unindexed(path)
+            return Unindexed(path)
         self._stack.callback(reader.close)
         if isinstance(reader, Ros1Reader):
             check_size(max((chunk.datasize for chunk in reader.chunks.values()), default=0))
@@ -175,17 +168,22 @@ class Bag:
         """See :class:`Source`."""
         decode = self._store.deserialize_ros1 if self._is_ros1 else self._store.deserialize_cdr
         record_ns = self.start_ns
+        messages = (
+            message
+            for part in self._parts
+            if (wanted := [one for one in part.connections if one.topic in topics and one.msgtype in KINDS])
+            for message in part.messages(wanted, start_ns, stop_ns)
+        )
         try:
-            for connection, record_ns, raw in self._messages(topics, start_ns, stop_ns):
+            for connection, record_ns, raw in messages:
                 topic = self.topics[connection.topic]
                 if topic.type != connection.msgtype:  # two types on one topic
                     topic = topic._replace(type=connection.msgtype, kind=KINDS[connection.msgtype])
                 known = TF_TYPE if topic.kind == TF else connection.msgtype
                 # each message may be packed by itself; one that is not begins with its encoding
                 is_packed = not self._is_ros1 and raw.startswith(ZSTD_MAGIC)
-                yield from decoded(
-                    topic, record_ns, decode(unpacked("zstd", raw) if is_packed else raw, known)
-                )
+                message = decode(unpacked("zstd", raw) if is_packed else raw, known)
+                yield from decoded(topic, record_ns, message)
         except TooLargeError as error:
             raise InputError(f"{self.path}: {error}") from error
         except Exception as error:  # whatever decoders raise of damaged bytes
@@ -195,26 +193,12 @@ class Bag:
                 "was read"
             ) from error
 
-    def _messages(
-        self, topics: set[str], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[tuple[Any, int, bytes]]:
-        """(connection, record time in ns, message) of topics with readings, file after file."""
-        for part in self._parts:
-            wanted = [one for one in part.connections if one.topic in topics and one.msgtype in KINDS]
-            if wanted:
-                yield from part.messages(wanted, start_ns, stop_ns)
-
     def close(self) -> None:
         """See :class:`Source`."""
         self._stack.close()
 
 
-READERS: dict[str, tuple[Any, Any]] = {
-    ROS1: (Ros1Reader, UnindexedRos1),
-    MCAP: (McapReader, UnindexedMcap),
-    SQLITE: (Sqlite3Reader, None),
-}
-"""of each kind of file: how it is opened, and how where its index is missing"""
+READERS: dict[str, Any] = {ROS1: Ros1Reader, MCAP: McapReader, SQLITE: Sqlite3Reader}
 
 
 def _span(part: Any) -> tuple[int, int] | None:
@@ -223,18 +207,6 @@ def _span(part: Any) -> tuple[int, int] | None:
         return None
     times = getattr(part, "metadata", part)
     return int(times.start_time), int(times.end_time)
-
-
-@functools.cache
-def _types(is_ros1: bool) -> Typestore:
-    """The types that are read here, the same in all of ROS 1, and in all of ROS 2.
-
-    All bags share them: rosbags writes and compiles a decoder of each type, for longer than it reads a bag.
-    """
-    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
-    if TF_TYPE not in store.fielddefs:
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF_TYPE))
-    return store
 
 
 def in_words(said: BaseException | str) -> str:

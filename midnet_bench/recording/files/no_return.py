@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.recording.files.readings import Floats, ScanReading
 
@@ -45,12 +46,9 @@ class NoReturn(NamedTuple):
 
     def cleaned(self, scan: ScanReading) -> Floats:
         """(beams,) the ranges, metres: inf where nothing came back, nan where the reading says nothing."""
-        ranges = scan.ranges_m
-        kinds = _kinds(ranges, scan.range_min_m, min(self.range_max_m, scan.range_max_m))
-        found = ranges.copy()
-        for number, code in enumerate(CODES):
-            found[kinds == number] = math.inf if self.meaning[code] == "clears" else math.nan
-        return found
+        kinds = _kinds(scan, self.range_max_m)
+        said = np.array([math.inf if self.meaning[code] == "clears" else math.nan for code in CODES])
+        return np.where(kinds < 0, scan.ranges_m, said[kinds])
 
     @property
     def in_words(self) -> str:
@@ -64,15 +62,17 @@ class NoReturn(NamedTuple):
         return ", ".join(parts) if parts else "none"
 
 
-def _kinds(ranges: Floats, range_min_m: float, range_max_m: float) -> Floats:
+def _kinds(scan: ScanReading, range_max_m: float) -> npt.NDArray[np.int64]:
     """(beams,) the place in ``CODES`` of each reading, -1 for a range."""
-    kinds = np.full(len(ranges), -1.0)
-    kinds[ranges >= range_max_m] = CODES.index("above")
-    kinds[ranges < range_min_m] = CODES.index("below")
-    kinds[ranges <= 0.0] = CODES.index("zero")
-    kinds[np.isnan(ranges)] = CODES.index("nan")
-    kinds[ranges == math.inf] = CODES.index("inf")
-    return kinds
+    ranges, most_m = scan.ranges_m, min(range_max_m, scan.range_max_m)
+    is_code = (
+        ranges == math.inf,
+        np.isnan(ranges),
+        ranges <= 0.0,
+        ranges < scan.range_min_m,
+        ranges >= most_m,
+    )
+    return np.select(is_code, range(len(CODES)), -1)
 
 
 def found_in(scans: Sequence[ScanReading], given: Mapping[str, Meaning]) -> NoReturn:
@@ -85,24 +85,16 @@ def found_in(scans: Sequence[ScanReading], given: Mapping[str, Meaning]) -> NoRe
         scans: of one topic, at least one with a beam.
         given: meanings of codes by the user, which count.
     """
-    beams = max(sum(len(scan.ranges_m) for scan in scans), 1)
     highest_m = _ceiling(scans)
-    counts = dict.fromkeys(CODES, 0)
-    below: list[Floats] = []
-    for scan in scans:
-        kinds = _kinds(scan.ranges_m, scan.range_min_m, min(highest_m, scan.range_max_m))
-        for number, code in enumerate(CODES):
-            counts[code] += int(np.count_nonzero(kinds == number))
-        below.append(scan.ranges_m[kinds == CODES.index("below")])
-    shares = {code: count / beams for code, count in counts.items()}
+    kinds = np.concatenate([np.empty(0), *(_kinds(scan, highest_m) for scan in scans)])
+    ranges = np.concatenate([np.empty(0), *(scan.ranges_m for scan in scans)])
+    shares = {code: np.count_nonzero(kinds == k) / max(len(kinds), 1) for k, code in enumerate(CODES)}
     meaning: dict[str, Meaning] = dict.fromkeys(CODES, "nothing")
     meaning["inf"] = meaning["above"] = "clears"
     candidates = {"nan": shares["nan"], "zero": shares["zero"]}
-    near = np.concatenate(below) if below else np.empty(0)
-    if len(near):
-        _, same = np.unique(near, return_counts=True)
-        if same.max() >= SAME_VALUE * len(near):
-            candidates["below"] = shares["below"]
+    near = ranges[kinds == CODES.index("below")]
+    if len(near) and np.unique(near, return_counts=True)[1].max() >= SAME_VALUE * len(near):
+        candidates["below"] = shares["below"]
     if max(shares["inf"], shares["above"]) < LEAST_SHARE:
         code, share = max(candidates.items(), key=lambda one: one[1])
         if share >= LEAST_SHARE:

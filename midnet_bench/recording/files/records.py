@@ -5,10 +5,9 @@ import io
 import os
 import struct
 import sys
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 from rosbags.rosbag1 import reader as rosbag1
@@ -105,12 +104,14 @@ storage_mcap.DECOMPRESSORS.update(
 )
 
 ROS1_MAGIC, MCAP_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n"
-PLAIN = "none"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
 """kinds of records of ROS 1, as https://wiki.ros.org/Bags/Format/2.0 numbers them"""
 MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK, MCAP_END = 3, 4, 5, 6, 15
 """of MCAP, as https://mcap.dev/spec numbers them; what follows the end of the data is the index"""
 _NUMBER, _RECORD = struct.Struct("<I"), struct.Struct("<BQ")
+
+RawMessage = tuple[int, int, bytes]
+"""number of the connection, record time in ns, message"""
 
 
 class Connection(NamedTuple):
@@ -118,23 +119,22 @@ class Connection(NamedTuple):
 
     topic: str
     msgtype: str
-    msgcount: int
+    msgcount: int = 0
 
 
-class Unindexed(ABC):
+class Unindexed:
     """As much of rosbags' readers as is needed here; every pass reads the file from its beginning."""
-
-    MAGIC: ClassVar[bytes]
 
     def __init__(self, path: Path) -> None:
         """Look through it. Raises ValueError: it is no bag, or no message of it can be read."""
         self._path = path
-        self._names: dict[int, tuple[str, str]] = {}
-        counts: dict[int, int] = {}
+        self.is_ros1 = True
+        """whether its messages are those of ROS 1, as tools that convert bags leave them in MCAP too"""
+        counts: dict[Connection, int] = {}
         self.start_time, self.end_time = 1 << 63, 0
         try:
-            for number, time_ns, _ in self._messages():
-                counts[number] = counts.get(number, 0) + 1
+            for connection, time_ns, _ in self._messages():
+                counts[connection] = counts.get(connection, 0) + 1
                 self.start_time = min(self.start_time, time_ns)
                 self.end_time = max(self.end_time, time_ns + 1)
         except (ValueError, LookupError, OSError, EOFError, ArithmeticError, struct.error, RuntimeError):
@@ -142,139 +142,113 @@ class Unindexed(ABC):
                 raise
         if not counts:
             raise ValueError("it holds no message")
-        self._by_number = {
-            number: Connection(*self._names[number], count) for number, count in counts.items()
-        }
-
-    @property
-    def connections(self) -> list[Connection]:
-        """Those of which a message can be read."""
-        return list(self._by_number.values())
+        self._counted = {one: one._replace(msgcount=count) for one, count in counts.items()}
+        self.connections = list(self._counted.values())
+        """those of which a message can be read"""
 
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """(connection, record time in ns, message) in the file's order, up to an error at the damage."""
-        for number, time_ns, raw in self._messages():
-            connection = self._by_number.get(number)
-            if connection not in connections or (start is not None and time_ns < start):
-                continue
-            if connection is not None and (stop is None or time_ns < stop):
-                yield connection, time_ns, raw
+        for one, time_ns, raw in self._messages():
+            connection = self._counted.get(one)
+            is_after = start is None or time_ns >= start
+            if connection in connections and is_after and (stop is None or time_ns < stop):
+                yield connection, time_ns, raw  # type: ignore[misc]
 
-    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
-        """(number of the connection, record time in ns, message)."""
+    def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
+        known: dict[int, Connection] = {}
         with open(self._path, "rb") as file:
-            if file.read(len(self.MAGIC)) != self.MAGIC:
-                raise ValueError("it does not begin as such a bag does")
-            for number, time_ns, raw in self._records(file, os.fstat(file.fileno()).st_size):
-                if number in self._names:
-                    yield number, time_ns, raw
-
-    @abstractmethod
-    def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
-        """(number of the connection, record time in ns, message) of the rest of a file of so many bytes."""
-
-
-class UnindexedRos1(Unindexed):
-    """A bag of ROS 1."""
-
-    MAGIC = ROS1_MAGIC
-    is_ros1 = True
-
-    def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
-        file.readline(100)
-        while file.tell() < size:
-            header = _fields(_block(file))
-            kind, length = header["op"][0], _number(file)
-            if kind == CHUNK:
-                check_size(length)
-                packing, packed = header["compression"].decode(), file.read(length)
-                # of a chunk that is cut off a part is good too
-                whole = packed if packing == PLAIN else unpacked(packing, packed, is_cut=True)
-                yield from self._in_chunk(io.BytesIO(whole))
-                if len(packed) < length:
-                    raise EOFError("a chunk is cut off")
-            elif kind == CONNECTION:
-                self._meet(header, _exactly(file, length))
+            size, begins = os.fstat(file.fileno()).st_size, file.read(len(ROS1_MAGIC))
+            if begins == ROS1_MAGIC:
+                file.readline(100)
+                messages = _of_ros1(file, size, known)
+            elif begins.startswith(MCAP_MAGIC):
+                file.seek(len(MCAP_MAGIC))
+                messages = self._of_mcap(file, size, known)
             else:
-                file.seek(length, os.SEEK_CUR)
+                raise ValueError("it does not begin as such a bag does")
+            for number, time_ns, raw in messages:
+                if number in known:
+                    yield known[number], time_ns, raw
 
-    def _in_chunk(self, chunk: io.BytesIO) -> Iterator[tuple[int, int, bytes]]:
-        size = len(chunk.getbuffer())
-        while chunk.tell() < size:
-            header, raw = _fields(_block(chunk)), _block(chunk)
-            if header["op"][0] == CONNECTION:
-                self._meet(header, raw)
-            elif header["op"][0] == MESSAGE:
-                seconds, nanoseconds = struct.unpack("<II", header["time"])
-                yield *_NUMBER.unpack(header["conn"]), seconds * 10**9 + nanoseconds, raw
-
-    def _meet(self, header: dict[str, bytes], said: bytes) -> None:
-        """Learn of a connection; ``said``: what it says of itself. Names as rosbags writes them."""
-        topic = header["topic"].decode()
-        plain = "/" * topic.startswith("/") + "/".join(filter(None, topic.split("/")))
-        package, _, name = _fields(said)["type"].decode().rpartition("/")
-        self._names[_NUMBER.unpack(header["conn"])[0]] = plain, f"{package}/msg/{name}"
-
-
-class UnindexedMcap(Unindexed):
-    """An MCAP file; channels in another encoding than its first one's are passed over."""
-
-    MAGIC = MCAP_MAGIC
-
-    def __init__(self, path: Path) -> None:
-        """Look through it. Raises ValueError: it is no MCAP file, or no message of it can be read."""
-        self._types: dict[int, str] = {}
-        self._encoding = b""
-        """of its first channel with messages of ROS"""
-        super().__init__(path)
-
-    def _records(self, file: BinaryIO, size: int, in_chunk: bool = False) -> Iterator[tuple[int, int, bytes]]:
-        while file.tell() < size:
-            kind, length = _RECORD.unpack(_exactly(file, _RECORD.size))
-            if kind == MCAP_END:
-                return
-            if kind == MCAP_CHUNK and not in_chunk:
-                check_size(length)
-                yield from self._unpacked(file.read(length), length)
-            elif kind in (MCAP_SCHEMA, MCAP_CHANNEL):
-                self._learn(kind, io.BytesIO(_exactly(file, length)))
-            elif kind == MCAP_MESSAGE:
-                record = _exactly(file, length)
+    def _of_mcap(self, file: BinaryIO, size: int, known: dict[int, Connection]) -> Iterator[RawMessage]:
+        """Channels in another encoding than its first one's are passed over."""
+        types: dict[int, str] = {}
+        for kind, record in _mcap_records(file, size):
+            if kind == MCAP_MESSAGE:
                 number, _, time_ns = struct.unpack_from("<HIQ", record)
                 yield number, time_ns, record[22:]
-            else:
-                file.seek(min(length, size), os.SEEK_CUR)
+                continue
+            (number,), said = struct.unpack_from("<H", record), io.BytesIO(record[2:])
+            if kind == MCAP_SCHEMA:
+                types[number] = _block(said).decode()
+                continue
+            (schema,) = struct.unpack("<H", _exactly(said, 2))
+            topic, encoding = _block(said).decode(), _block(said)
+            if encoding in (b"cdr", b"ros1") and schema in types:
+                self.is_ros1 = self.is_ros1 if known else encoding == b"ros1"
+                if self.is_ros1 == (encoding == b"ros1"):
+                    package, _, name = types[schema].rpartition("/")
+                    known[number] = Connection(topic, f"{package.removesuffix('/msg')}/msg/{name}")
 
-    def _unpacked(self, record: bytes, length: int) -> Iterator[tuple[int, int, bytes]]:
-        """What is in a chunk; of one that is cut off a part is good too."""
-        (size,), packing = struct.unpack_from("<Q", record, 16), _block(io.BytesIO(record[28:])).decode()
-        check_size(size)
-        packed = record[28 + 4 + len(packing) + 8 :]
-        whole = unpacked(packing, packed, size, is_cut=True) if packing else packed
-        yield from self._records(io.BytesIO(whole), len(whole), in_chunk=True)
-        if len(record) < length:
-            raise EOFError("a chunk is cut off")
 
-    def _learn(self, kind: int, record: io.BytesIO) -> None:
-        """A schema's name, or a channel's topic and type."""
-        (number,) = struct.unpack("<H", _exactly(record, 2))
-        if kind == MCAP_SCHEMA:
-            self._types[number] = _block(record).decode()
+def _of_ros1(file: BinaryIO, size: int, known: dict[int, Connection]) -> Iterator[RawMessage]:
+    """The messages of a bag of ROS 1; ``known`` gets its connections, with names as rosbags writes them."""
+    for header, data in _ros1_records(file, size):
+        number = _NUMBER.unpack(header["conn"])[0]
+        if header["op"][0] == CONNECTION:
+            topic = header["topic"].decode()
+            plain = "/" * topic.startswith("/") + "/".join(filter(None, topic.split("/")))
+            package, _, name = _fields(data)["type"].decode().rpartition("/")
+            known[number] = Connection(plain, f"{package}/msg/{name}")
+        else:
+            seconds, nanoseconds = struct.unpack("<II", header["time"])
+            yield number, seconds * 10**9 + nanoseconds, data
+
+
+def _ros1_records(
+    file: BinaryIO, size: int, in_chunk: bool = False
+) -> Iterator[tuple[dict[str, bytes], bytes]]:
+    """Header and data of each connection and message, those of a chunk in its place."""
+    while file.tell() < size:
+        header, length = _fields(_block(file)), _number(file)
+        kind = header["op"][0]
+        if kind == CHUNK and not in_chunk:
+            check_size(length)
+            packing, packed = header["compression"].decode(), file.read(length)
+            # of a chunk that is cut off a part is good too
+            whole = packed if packing == "none" else unpacked(packing, packed, is_cut=True)
+            yield from _ros1_records(io.BytesIO(whole), len(whole), in_chunk=True)
+            if len(packed) < length:
+                raise EOFError("a chunk is cut off")
+        elif kind == CONNECTION or (kind == MESSAGE and in_chunk):
+            yield header, _exactly(file, length)
+        else:
+            file.seek(length, os.SEEK_CUR)
+
+
+def _mcap_records(file: BinaryIO, size: int, in_chunk: bool = False) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of each schema, channel and message, those of a chunk in its place."""
+    while file.tell() < size:
+        kind, length = _RECORD.unpack(_exactly(file, _RECORD.size))
+        if kind == MCAP_END:
             return
-        (schema,) = struct.unpack("<H", _exactly(record, 2))
-        topic, encoding = _block(record).decode(), _block(record)
-        if encoding in (b"cdr", b"ros1") and schema in self._types:
-            self._encoding = self._encoding or encoding
-            if encoding == self._encoding:
-                package, _, name = self._types[schema].rpartition("/")
-                self._names[number] = topic, f"{package.removesuffix('/msg')}/msg/{name}"
-
-    @property
-    def is_ros1(self) -> bool:
-        """Whether its messages are those of ROS 1, as tools that convert bags leave them."""
-        return self._encoding == b"ros1"
+        if kind == MCAP_CHUNK and not in_chunk:
+            check_size(length)
+            record = file.read(length)
+            (whole_size,), packing = struct.unpack_from("<Q", record, 16), _block(io.BytesIO(record[28:]))
+            check_size(whole_size)
+            whole = record[28 + 4 + len(packing) + 8 :]
+            if packing:  # of a chunk that is cut off a part is good too
+                whole = unpacked(packing.decode(), whole, whole_size, is_cut=True)
+            yield from _mcap_records(io.BytesIO(whole), len(whole), in_chunk=True)
+            if len(record) < length:
+                raise EOFError("a chunk is cut off")
+        elif kind in (MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE):
+            yield kind, _exactly(file, length)
+        else:
+            file.seek(min(length, size), os.SEEK_CUR)
 
 
 def _number(file: BinaryIO) -> int:

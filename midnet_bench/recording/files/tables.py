@@ -9,7 +9,7 @@ import numpy as np
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.scan_logs import ScanLog, is_number, parse_carmen, parse_table, read_lines
+from midnet_bench.io.scan_logs import ScanLog, is_number, numbers, parse_log, read_lines
 from midnet_bench.io.trajectory import clock_fault
 from midnet_bench.recording.files.readings import (
     NS,
@@ -85,8 +85,7 @@ def read_text(path: Path) -> Table:
         return _of_csv(path, lines)
     if len(first.split()) == len(TUM_COLUMNS) and all(map(is_number, first.split())):
         return _of_tum(path, lines)
-    log = parse_table(path, lines) if is_number(first.split()[0]) else parse_carmen(path, lines)
-    return _of_log(path, log)
+    return _of_log(path, parse_log(path, lines))
 
 
 def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
@@ -115,15 +114,9 @@ def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]
 
 def number_in(cells: dict[str, str], name: str, where: str, finite: bool = True) -> float:
     """A cell as a number. Raises InputError that names file, line and column."""
-    try:
-        value = float(cells[name])
-    except KeyError:
-        raise InputError(f"{where}: {name}: missing column{nearest_name(name, cells)}") from None
-    except ValueError:
-        raise InputError(f"{where}: {name}: {cells[name][:30]!r} is not a number") from None
-    if finite and not math.isfinite(value):
-        raise InputError(f"{where}: {name}: {cells[name][:30]!r} is not a finite number")
-    return value
+    if name not in cells:
+        raise InputError(f"{where}: {name}: missing column{nearest_name(name, cells)}")
+    return numbers([cells[name]], where, name, finite)[0]
 
 
 def time_in(cells: dict[str, str], where: str) -> int:

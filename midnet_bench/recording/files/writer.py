@@ -143,7 +143,7 @@ class Types:
 
 
 @cache
-def _types_of(ros: Literal[1, 2]) -> Types:
+def types_of(ros: Literal[1, 2]) -> Types:
     """The same for all bags: rosbags writes and compiles an encoder of each type."""
     return Types(ros)
 
@@ -162,7 +162,7 @@ class BagWriter:
         """``writer``: opened."""
         self._writer = writer
         self.ros: Literal[1, 2] = 1 if isinstance(writer, Ros1Writer) else 2
-        self._types = _types_of(self.ros)
+        self._types = types_of(self.ros)
         self._topics: dict[str, Any] = {}
 
     @property
