@@ -152,9 +152,10 @@ class Unindexed:
         """(connection, record time in ns, message) in the file's order, up to an error at the damage."""
         for one, time_ns, raw in self._messages():
             connection = self._counted.get(one)
-            is_after = start is None or time_ns >= start
-            if connection in connections and is_after and (stop is None or time_ns < stop):
-                yield connection, time_ns, raw  # type: ignore[misc]
+            if connection is None or connection not in connections:
+                continue
+            if (start is None or time_ns >= start) and (stop is None or time_ns < stop):
+                yield connection, time_ns, raw
 
     def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
         known: dict[int, Connection] = {}
