@@ -88,7 +88,7 @@ def found_in(scans: Sequence[ScanReading], given: Mapping[str, Meaning]) -> NoRe
     highest_m = _ceiling(scans)
     kinds = np.concatenate([np.empty(0), *(_kinds(scan, highest_m) for scan in scans)])
     ranges = np.concatenate([np.empty(0), *(scan.ranges_m for scan in scans)])
-    shares = {code: np.count_nonzero(kinds == k) / max(len(kinds), 1) for k, code in enumerate(CODES)}
+    shares = {code: int(np.count_nonzero(kinds == k)) / max(len(kinds), 1) for k, code in enumerate(CODES)}
     meaning: dict[str, Meaning] = dict.fromkeys(CODES, "nothing")
     meaning["inf"] = meaning["above"] = "clears"
     candidates = {"nan": shares["nan"], "zero": shares["zero"]}
