@@ -231,8 +231,10 @@ class Store:
     def _transaction(self) -> Iterator[None]:
         self.refuse_if_gone()
         try:
-            with _explained(self.path), _all_or_nothing(self._connection):
-                yield
+            with _explained(self.path):
+                self._connection.execute("BEGIN IMMEDIATE")
+                with self._connection:  # all of what is done inside, or nothing
+                    yield
         except MidnetBenchError:
             self.refuse_if_gone()  # that explains it better
             raise
@@ -514,7 +516,8 @@ def open_or_create(path: Path, definition: Definition) -> Store:
         with _closed_on_error(connection):
             _pragma(connection, "schema_version")  # reading takes back what a killed process left half-made
             if path.stat().st_size == 0:
-                with _all_or_nothing(connection):
+                connection.execute("BEGIN IMMEDIATE")
+                with connection:  # all of it, or nothing
                     for statement in SCHEMA:
                         connection.execute(statement)
                     connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
@@ -668,18 +671,6 @@ def _refuse_without_locks(directory: Path) -> None:
 def _pragma(connection: sqlite3.Connection, name: str) -> int | str:
     (value,) = connection.execute(f"PRAGMA {name}").fetchone()
     return value
-
-
-@contextlib.contextmanager
-def _all_or_nothing(connection: sqlite3.Connection) -> Iterator[None]:
-    connection.execute("BEGIN IMMEDIATE")
-    try:
-        yield
-        connection.execute("COMMIT")
-    except BaseException:
-        if connection.in_transaction:  # a full disk makes SQLite roll back by itself
-            connection.execute("ROLLBACK")
-        raise
 
 
 @contextlib.contextmanager
