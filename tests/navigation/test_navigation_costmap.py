@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -44,54 +45,34 @@ def empty_map(cells: int = 20, value: int = 0) -> OccupancyGrid:
     return OccupancyGrid(np.full((cells, cells), value, dtype=np.int8), 0.05, (0.0, 0.0))
 
 
-# Marking
+# Marking and clearing
 
 
-def test_a_hit_marks_its_own_cell_only() -> None:
-    costmap = RollingCostmap(BARE)
-    look(costmap, [1.0])
-    assert marked(costmap) == [(20, 0)]
-
-
-def test_a_hit_exactly_at_the_obstacle_range_is_not_marked() -> None:
-    for distance, cells in ((2.5, []), (np.nextafter(2.5, 0.0), [(50, 0)])):
-        costmap = RollingCostmap(dataclasses.replace(BARE, size_m=6.0))
-        look(costmap, [float(distance)])
-        assert marked(costmap) == cells
-
-
-def test_a_hit_off_the_window_is_not_marked() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=1.0))
-    look(costmap, [2.0])
-    assert marked(costmap) == []
-
-
-@pytest.mark.parametrize("distance", [0.119, 3.5, math.inf, math.nan, -1.0])
-def test_a_range_outside_the_sensor_neither_marks_nor_clears(distance: float) -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, obstacle_range_m=4.0, size_m=8.0))
-    look(costmap, [0.5])
-    look(costmap, [distance])
-    assert marked(costmap) == [(10, 0)]
-
-
-# Clearing
-
-
-def test_a_mark_stays_until_a_beam_passes_it() -> None:
-    costmap = RollingCostmap(BARE)
-    look(costmap, [1.0])
-    look(costmap, [0.5])
-    assert marked(costmap) == [(10, 0), (20, 0)]
-    look(costmap, [1.5])
-    assert marked(costmap) == [(30, 0)]
-
-
-def test_a_ghost_remains_in_front_of_open_space_unless_inf_is_valid() -> None:
-    for valid, left in ((False, [(20, 0)]), (True, [])):
-        costmap = RollingCostmap(dataclasses.replace(BARE, inf_is_valid=valid))
-        look(costmap, [1.0])
-        look(costmap, [math.inf])
-        assert marked(costmap) == left
+@pytest.mark.parametrize(
+    ("changed", "scans", "left"),
+    [
+        ({}, [1.0], [20]),
+        ({"size_m": 6.0}, [2.5], []),  # the obstacle range exactly
+        ({"size_m": 6.0}, [float(np.nextafter(2.5, 0.0))], [50]),
+        ({"size_m": 1.0}, [2.0], []),  # off the window
+        *(({"obstacle_range_m": 4.0, "size_m": 8.0}, [0.5, r], [10]) for r in (0.119, 3.5, math.nan, -1.0)),
+        ({}, [1.0, 0.5], [10, 20]),
+        ({}, [1.0, 0.5, 1.5], [30]),  # a beam passes both
+        ({}, [1.0, math.inf], [20]),
+        ({"inf_is_valid": True}, [1.0, math.inf], []),
+        ({"raytrace_range_m": 0.5, "size_m": 6.0}, [0.5, 0.6, 2.0], [12, 40]),
+        ({"memory": "single_scan"}, [1.0, 0.5], [10]),
+        ({"memory": "decay", "decay_s": 1.0}, [1.0, 0.5], [10, 20]),
+        ({"memory": "decay", "decay_s": 0.9}, [1.0, 0.5], [10]),
+    ],
+)
+def test_what_scans_one_second_apart_leave_marked(
+    changed: dict[str, Any], scans: list[float], left: list[int]
+) -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, **changed))
+    for second, distance in enumerate(scans):
+        look(costmap, [distance], time_s=float(second))
+    assert marked(costmap) == [(column, 0) for column in left]
 
 
 def test_a_hit_beyond_the_obstacle_range_clears_its_own_cell() -> None:
@@ -100,14 +81,6 @@ def test_a_hit_beyond_the_obstacle_range_clears_its_own_cell() -> None:
     assert marked(costmap) == [(18, 0)]
     look(costmap, [1.4], pose=Pose2D(-0.475, 0.025, 0.0))
     assert marked(costmap) == []
-
-
-def test_beams_clear_no_farther_than_the_raytrace_range() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, raytrace_range_m=0.5, size_m=6.0))
-    look(costmap, [0.5])
-    look(costmap, [0.6])
-    look(costmap, [2.0])
-    assert marked(costmap) == [(12, 0), (40, 0)]
 
 
 def test_clearing_happens_before_marking_whatever_the_order_of_beams() -> None:
@@ -157,57 +130,27 @@ def test_a_cleared_line_is_bresenhams(dx: int, dy: int, limit: int) -> None:
 # Footprint
 
 
-def test_the_robot_frees_the_cells_it_stands_on() -> None:
-    square = ((-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (0.1, -0.1))
+@pytest.mark.parametrize(
+    ("half_m", "pose", "widths"),
+    [
+        (0.1, Pose2D(0.525, 0.525, 0.0), [0] * 8 + [5] * 5 + [0] * 7),
+        # a square on its tip: half a diagonal is 5.66 cells, so the tips lie in rows 4 and 16
+        (0.2, Pose2D(0.525, 0.525, math.pi / 4), [0] * 4 + [*range(1, 14, 2), *range(11, 0, -2)] + [0] * 3),
+        (0.1, Pose2D(0.05, 0.5, 0.0), [0] * 20),  # partly off the map
+    ],
+)
+def test_the_robot_frees_the_cells_it_stands_on(half_m: float, pose: Pose2D, widths: list[int]) -> None:
+    square = tuple((half_m * x, half_m * y) for x, y in ((-1, -1), (-1, 1), (1, 1), (1, -1)))
     costmap = GlobalCostmap(dataclasses.replace(BARE, footprint=square, footprint_clearing=True), empty_map())
     costmap.marks[:] = 254
-    look(costmap, [math.inf], pose=Pose2D(0.525, 0.525, 0.0))
-    rows, columns = np.nonzero(costmap.marks == 0)
-    assert set(zip(columns, rows, strict=True)) == {(c, r) for c in range(8, 13) for r in range(8, 13)}
-
-
-def test_a_turned_footprint_frees_its_own_shape() -> None:
-    square = ((-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2))
-    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint=square, footprint_clearing=True), empty_map())
-    costmap.marks[:] = 254
-    look(costmap, [math.inf], pose=Pose2D(0.525, 0.525, math.pi / 4))
-    widths = (costmap.marks == 0).sum(axis=1).tolist()
-    # A square on its tip: half a diagonal is 5.66 cells, so the tips lie in rows 4 and 16.
-    assert widths == [0] * 4 + [1, 3, 5, 7, 9, 11, 13, 11, 9, 7, 5, 3, 1] + [0] * 3
-
-
-def test_a_footprint_partly_off_the_map_frees_nothing() -> None:
-    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint_clearing=True), empty_map())
-    costmap.marks[:] = 254
-    look(costmap, [math.inf], pose=Pose2D(0.05, 0.5, 0.0))
-    assert (costmap.marks == 254).all()
-    look(costmap, [math.inf], pose=Pose2D(0.5, 0.5, 0.0))
-    assert (costmap.marks == 0).any()
+    look(costmap, [math.inf], pose=pose)
+    assert (costmap.marks == 0).sum(axis=1).tolist() == widths
 
 
 def test_the_static_map_stays_under_the_footprint() -> None:
     costmap = GlobalCostmap(dataclasses.replace(BARE, footprint_clearing=True), empty_map(value=100))
     look(costmap, [math.inf], pose=Pose2D(0.5, 0.5, 0.0))
     assert (costmap.costs == 254).all()
-
-
-# Memory
-
-
-def test_a_memory_of_zero_keeps_the_newest_scan_only() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, memory="single_scan"))
-    look(costmap, [1.0], time_s=0.0)
-    look(costmap, [0.5], time_s=0.2)
-    assert marked(costmap) == [(10, 0)]
-
-
-def test_marks_decay_after_their_memory() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, memory="decay", decay_s=1.0))
-    look(costmap, [1.0], time_s=0.0)
-    look(costmap, [0.5], time_s=1.0)
-    assert marked(costmap) == [(10, 0), (20, 0)]
-    look(costmap, [0.4], time_s=1.1, pose=Pose2D(0.075, 0.025, 0.0))
-    assert marked(costmap) == [(9, 0), (10, 0)]
 
 
 # Rolling

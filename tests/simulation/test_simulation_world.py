@@ -137,7 +137,7 @@ def moving(world: worlds.World, seconds: float, digest):
 
 def digest_of(engine: str, seed: int) -> str:
     with WORLDS[engine](place(load_arena("map1"), seed, 3, 3)) as world:
-        return drive_about(world, 5.0)
+        return drive_about(world, 2.5)
 
 
 def test_a_seed_gives_the_same_bytes_again_and_another_seed_others(engine: str) -> None:
@@ -163,7 +163,7 @@ def test_worlds_stepped_in_turns_do_not_touch_each_other(engine: str, World: typ
     alone = [digest_of(engine, 1), digest_of(engine, 2)]
     digests = [hashlib.sha256(), hashlib.sha256()]
     with World(place(load_arena("map1"), 1, 3, 3)) as one, World(place(load_arena("map1"), 2, 3, 3)) as two:
-        for _ in zip(moving(one, 5.0, digests[0]), moving(two, 5.0, digests[1]), strict=True):
+        for _ in zip(moving(one, 2.5, digests[0]), moving(two, 2.5, digests[1]), strict=True):
             pass
     assert [digest.hexdigest() for digest in digests] == alone
 
@@ -173,8 +173,8 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time(Wo
     for _ in range(2):
         digest = hashlib.sha256()
         with World(place(load_arena("map1"), 4, 2, 3)) as world:
-            for tick, _ in enumerate(moving(world, 6.0, digest)):
-                if tick == 3 * world.step_hz:
+            for tick, _ in enumerate(moving(world, 3.0, digest)):
+                if tick == 2 * world.step_hz:
                     world.remove(3)
             assert world.active.tolist() == [True, True, True, False, True]
             assert np.isnan(world.poses()[3]).all()
@@ -241,16 +241,8 @@ def test_the_outline_is_the_disc_in_the_scan_plane(World: type) -> None:
 @pytest.mark.slow
 def test_at_its_own_rate_a_burger_moves_as_precisely_as_the_docs_say() -> None:
     """Speed, turn rate and steadiness after braking and turning, and how far a body enters a wall."""
-    commands = [
-        (0.22, 0.0),
-        (0.0, 0.8),
-        (0.22, 0.0),
-        (-0.2, 0.0),
-        (0.1, -1.5),
-        (0.0, 2.7),
-        (0.22, 2.7),
-        (0.1, 0.0),
-    ]
+    straight, turning = [(0.22, 0.0), (0.0, 0.8), (0.22, 0.0), (-0.2, 0.0)], [(0.1, -1.5), (0.0, 2.7)]
+    commands = [*straight, *turning, (0.22, 2.7), (0.1, 0.0)]
     with WORLDS["bullet"](scene([(-1.0, -1.0, 0.0)])) as world:
         assert world.step_hz == 30
         for linear, angular in commands:

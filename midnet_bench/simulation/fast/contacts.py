@@ -80,6 +80,15 @@ class ContactBuffer(NamedTuple):
     """(c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``"""
 
 
+class Scene(NamedTuple):
+    """What contacts are looked for among."""
+
+    body: Body
+    ground: SideGrid
+    """what never moves; its reach is no less than that of a body and the widest gap together"""
+    room: ContactBuffer
+
+
 def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
     """(h, 7) the convex hull of a contour, counter-clockwise, by the columns ``X`` to ``LAST_Y``; metres."""
     points = np.array(sorted(set(contour)))
@@ -93,27 +102,20 @@ def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
 
 @njit
 def find_contacts(
-    poses: Floats,
-    present: npt.NDArray[np.bool_],
-    body: Body,
-    margin_m: float,
-    solids: Floats,
-    ground: SideGrid,
-    room: ContactBuffer,
+    poses: Floats, present: npt.NDArray[np.bool_], margin_m: float, solids: Floats, scene: Scene
 ) -> int:
-    """Writes the contacts of bodies at (n, 3) ``poses`` into ``room``, and says how many there are.
+    """Writes the contacts of bodies at (n, 3) ``poses`` into the scene's buffer; how many there are.
 
     Those with obstacles come first: in each of the solver's rounds walls and bodies have the last word.
 
     Args:
         poses: of the base frames, map frame.
         present: (n,) which bodies are there.
-        body: what they are.
         margin_m: the widest gap that counts.
         solids: (k, 6) obstacles: x, y and yaw, metres and radians, length, width, and whether it is a disc.
-        ground: what never moves; its reach is no less than that of a body and ``margin_m`` together.
-        room: where they go.
+        scene: the bodies, what never moves, and the buffer.
     """
+    body, ground, room = scene
     reach_m, hulls = body.reach_m, room.hulls
     is_placed = np.zeros(len(poses), dtype=np.bool_)
     count = 0
@@ -388,8 +390,8 @@ def parting_speed(row: Floats, a: int, b: int, nx: float, ny: float, moves: Floa
 
 
 @njit
-def push(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, moves: Floats) -> None:
-    """Lets an impulse per mass (px, py) act on body ``a`` at a contact, and its opposite on ``b``."""
+def apply_impulse(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, moves: Floats) -> None:
+    """Let an impulse per mass (px, py) act on body ``a`` at a contact, and its opposite on ``b``."""
     moves[a, 0] += px
     moves[a, 1] += py
     moves[a, 2] += (row[ARM_X] * py - row[ARM_Y] * px) / gyration2
@@ -400,7 +402,7 @@ def push(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, mo
 
 
 @njit
-def mobility(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> float:
+def inverse_mass(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> float:
     """What speed along (nx, ny) a unit impulse per mass gives the points of a contact."""
     lever = row[ARM_X] * ny - row[ARM_Y] * nx
     found = 1.0 + lever * lever / gyration2
@@ -433,21 +435,21 @@ def solve_contacts(
         row = rows[c]
         nx, ny = row[NORMAL_X], row[NORMAL_Y]
         least = least_speed(row[GAP], b, step_s)
-        missing = (least - parting_speed(row, a, b, nx, ny, moves)) / mobility(row, b, nx, ny, gyration2)
+        missing = (least - parting_speed(row, a, b, nx, ny, moves)) / inverse_mass(row, b, nx, ny, gyration2)
         more = max(row[NORMAL] + missing, 0.0) - row[NORMAL]
         row[NORMAL] += more
-        push(row, a, b, more * nx, more * ny, gyration2, moves)
-        sliding = parting_speed(row, a, b, -ny, nx, moves) / mobility(row, b, -ny, nx, gyration2)
+        apply_impulse(row, a, b, more * nx, more * ny, gyration2, moves)
+        sliding = parting_speed(row, a, b, -ny, nx, moves) / inverse_mass(row, b, -ny, nx, gyration2)
         most = (WALL_FRICTION if b < 0 else BODY_FRICTION) * row[NORMAL]
         rub = min(max(row[TANGENTIAL] - sliding, -most), most) - row[TANGENTIAL]
         row[TANGENTIAL] += rub
-        push(row, a, b, -rub * ny, rub * nx, gyration2, moves)
+        apply_impulse(row, a, b, -rub * ny, rub * nx, gyration2, moves)
         change = max(change, abs(more), abs(rub))
     return change
 
 
 @njit
-def part(count: int, rows: Floats, pairs: Ints, gyration2: float, poses: Floats) -> bool:
+def depenetrate(count: int, rows: Floats, pairs: Ints, gyration2: float, poses: Floats) -> bool:
     """Moves bodies that overlap apart by half of what is needed; whether any did."""
     found = False
     for c in range(count):
@@ -456,27 +458,20 @@ def part(count: int, rows: Floats, pairs: Ints, gyration2: float, poses: Floats)
             continue
         row = rows[c]
         nx, ny = row[NORMAL_X], row[NORMAL_Y]
-        share = 0.5 * (SKIN_M - row[GAP]) / mobility(row, b, nx, ny, gyration2)
-        push(row, a, b, share * nx, share * ny, gyration2, poses)
+        share = 0.5 * (SKIN_M - row[GAP]) / inverse_mass(row, b, nx, ny, gyration2)
+        apply_impulse(row, a, b, share * nx, share * ny, gyration2, poses)
         found = True
     return found
 
 
 @njit
-def stands_in(
-    i: int,
-    poses: Floats,
-    present: npt.NDArray[np.bool_],
-    body: Body,
-    depth_m: float,
-    ground: SideGrid,
-    room: ContactBuffer,
-) -> bool:
+def penetrates(i: int, poses: Floats, present: npt.NDArray[np.bool_], depth_m: float, scene: Scene) -> bool:
     """Whether body i reaches more than ``depth_m`` into a side of what never moves, or into another body.
 
     A check by another way than contacts are found by: the hull less a rim of that depth is cut with sides,
-    and with bodies it has no line between. It writes hulls into ``room`` and nothing else.
+    and with bodies it has no line between. It writes hulls into the buffer and nothing else.
     """
+    body, ground, room = scene
     x, y = poses[i, 0], poses[i, 1]
     _place(body.hull, poses[i], room.hulls[i])
     hull = room.hulls[i]
