@@ -19,8 +19,8 @@ from benchmarks.relations import Relation, read_dense_odometry, read_relations, 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import ScanLog, read_scan_log
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.gmapping.gmapping_settings import RECORDED_LOG
 from midnet_bench.mapping.log_mapping import map_scans
+from midnet_bench.mapping.mapping_settings import RECORDED_LOG
 
 SLIPS, SLIP_M, SLIP_RAD = 3, 0.3, 0.25
 FIRST_SLIP = 20

@@ -179,7 +179,7 @@ def test_the_robots_half_has_each_file_name_once() -> None:
 
 NOT_REPRODUCED = {
     "midnet_bench.elementary": "powers of integers",
-    "midnet_bench.mapping.map_alignment": "OpenCV finds features, and its sums go by the processor",
+    "midnet_bench.mapping.merge": "OpenCV finds features, and its sums go by the processor",
 }
 ROUNDED_ALIKE = {
     "ceil",

@@ -11,7 +11,7 @@ from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers
-from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.navigation.navigator import Navigator
 
 MATE_RADIUS_M = 0.3

@@ -118,7 +118,7 @@ def _map_log(
     from midnet_bench.workflows.read_log import read_log
 
     log = read_log(path, messages.note)  # a bad one ends it before what is slow
-    from midnet_bench.mapping.graph_slam.slam import FEWEST_BEAMS
+    from midnet_bench.mapping.graph_slam import FEWEST_BEAMS
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log
 

@@ -1,15 +1,244 @@
-"""What GMapping and graph SLAM share: which scans are due, the map along a trajectory, the trajectory."""
+"""What both kinds of SLAM share: scans as rays, the map drawn of them, which are due, a climb of poses."""
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.compiled import njit, numba
+from midnet_bench.elementary import cos_sin, directions
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.scans import ScanRays, VisitMap
+
+ArgsT = TypeVar("ArgsT")
+ClimbT = TypeVar("ClimbT", bound=Callable[..., object])
+Score = Callable[[ArgsT, Pose2D, float], float]
+"""The score of a pose, or anything up to the third argument if it cannot get above that."""
+
+_MOVES = ((1, 0, 0), (-1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1))
+
+
+def _inlined(function: ClimbT) -> ClimbT:
+    """``function`` as it is for Python; compiled loops take it in with the loop that they give it to call."""
+    inlined: ClimbT = numba().extending.register_jitable(inline="always")(function)
+    return inlined
+
+
+@_inlined
+def hill_climb(
+    score: Score[ArgsT], args: ArgsT, start: Pose2D, linear_step: float, angular_step: float, halvings: int
+) -> tuple[Pose2D, float]:
+    """The best pose that a hill climb from ``start`` finds, and its score; ``score`` gets ``args`` first.
+
+    Each round tries a step forth and back in x, y (any unit of length) and yaw (radians) and takes the best
+    of the six if it beats the present score. A round that finds nothing halves both steps, ``halvings`` times
+    at most.
+    """
+    pose, best = start, score(args, start, -math.inf)
+    while True:
+        round_pose, round_best = pose, best
+        for dx, dy, turn in _MOVES:
+            tried = Pose2D(
+                pose.x + dx * linear_step, pose.y + dy * linear_step, pose.yaw + turn * angular_step
+            )
+            found = score(args, tried, round_best)
+            if found > round_best:
+                round_pose, round_best = tried, found
+        if round_best > best:
+            pose, best = round_pose, round_best
+        elif halvings > 0:
+            halvings -= 1
+            linear_step *= 0.5
+            angular_step *= 0.5
+        else:
+            return pose, best
+
+
+@njit
+def rotate(points: npt.NDArray[np.float64], yaw: float, rotated: npt.NDArray[np.float64]) -> None:
+    """Fill ``rotated`` (B, 2) with the points (B, 2) turned by ``yaw``, radians."""
+    cos, sin = cos_sin(yaw)
+    for b in range(points.shape[0]):
+        rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
+        rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
+
+
+Floats = npt.NDArray[np.float64]
+
+_MARGIN_CELLS = 64
+"""spare cells on each side when the map grows, so that it does not grow with every scan"""
+
+
+class ScanRays(NamedTuple):
+    """What a scan says, as rays from the sensor."""
+
+    ends_m: Floats
+    """(B, 2) ends of the rays in the sensor frame"""
+    hits: int
+    """how many of them, from the first on, end at an obstacle; the others only clear"""
+
+
+def scan_rays(geometry: LidarGeometry, ranges_m: Floats, usable_m: float) -> ScanRays:
+    """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
+
+    GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
+    sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``. Not a number,
+    0, anything below the sensor's least range and a finite return beyond its largest say nothing.
+    Infinity means "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it,
+    and then never clears open space.
+
+    Args:
+        geometry: of the sensor; one convention of beam angles for matching and drawing (GMapping has two,
+            half a beam apart).
+        ranges_m: (B,) as the sensor reported them.
+        usable_m: ``maxUrange``.
+    """
+    largest_m = geometry.range_max_m - 0.01
+    usable_m = min(usable_m, largest_m)
+    angles = geometry.angles_rad
+    valid = (ranges_m >= geometry.range_min_m) & (ranges_m > 0.0)
+    hit = valid & (ranges_m < usable_m)
+    clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
+    lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
+    ends = lengths[:, None] * directions(np.concatenate([angles[hit], angles[clear]]))
+    return ScanRays(ends, int(np.count_nonzero(hit)))
+
+
+@njit
+def trace_rays(pose: Floats, ends: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
+    """((M, 2) column and row of each cell that rays visit before their end cells, (B, 2) x, y of their ends).
+
+    Args:
+        pose: (3,) of the sensor, cells and radians.
+        ends: (B, 2) of the rays in the sensor frame, cells.
+    """
+    placed = np.empty_like(ends)
+    cos, sin = cos_sin(pose[2])
+    column, row = math.floor(pose[0]), math.floor(pose[1])
+    count = 0
+    for b in range(ends.shape[0]):
+        placed[b, 0] = pose[0] + cos * ends[b, 0] - sin * ends[b, 1]
+        placed[b, 1] = pose[1] + sin * ends[b, 0] + cos * ends[b, 1]
+        count += max(abs(math.floor(placed[b, 0]) - column), abs(math.floor(placed[b, 1]) - row))
+    cells = np.empty((count, 2), dtype=np.int64)
+    count = 0
+    for b in range(ends.shape[0]):
+        count += trace_line(column, row, math.floor(placed[b, 0]), math.floor(placed[b, 1]), cells[count:])
+    return cells, placed
+
+
+@njit
+def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.NDArray[np.int64]) -> int:
+    """How many cells Bresenham's line visits before its end cell; ``cells[:count]`` holds them.
+
+    As GMapping draws it (``gridlinetraversal.h``): where a line passes midway between two cells it takes
+    another one than costmap_2d's, which ``navigation.costmap.line_steps`` walks, in a third of all lines.
+    """
+    dx, dy = abs(end_column - column), abs(end_row - row)
+    step_x = 1 if end_column > column else -1
+    step_y = 1 if end_row > row else -1
+    error = dx - dy
+    count = max(dx, dy)
+    for k in range(count):
+        cells[k, 0] = column
+        cells[k, 1] = row
+        twice = 2 * error
+        if twice > -dy:
+            error -= dy
+            column += step_x
+        if twice < dx:
+            error += dx
+            row += step_y
+    return count
+
+
+class VisitMap:
+    """Hits and visits of traced scans; a scan can be taken back, which leaves no trace of it.
+
+    Bresenham from the sensor's cell to the end cell: every cell before the last gets a visit, the last one a
+    visit and a hit; a ray that only clears stops before its last cell (GMapping, ``computeActiveArea`` and
+    ``registerScan`` with generateMap).
+    """
+
+    def __init__(self, resolution_m: float) -> None:
+        self.resolution_m = resolution_m
+        self._origin_cells = np.zeros(2, dtype=np.int64)
+        self._hits = np.zeros((0, 0), dtype=np.int32)
+        self._visits = np.zeros((0, 0), dtype=np.int32)
+
+    def add(self, pose: Floats, ends_m: Floats, hits: int, count: int = 1) -> None:
+        """Trace a scan.
+
+        Args:
+            pose: (3,) sensor pose in the map frame, metres and radians.
+            ends_m: (B, 2) float64 ends of the rays in the sensor frame.
+            hits: how many of them, from the first on, end at an obstacle.
+            count: 1; -1 takes back a scan that was added with the same arguments.
+        """
+        if len(ends_m) == 0:
+            return
+        reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max()))
+        self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
+        cells = pose.copy()
+        cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
+        _count(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
+
+    def occupancy(self, occupied_threshold: float) -> OccupancyGrid:
+        """int8 grid of what is known: 100 where hits / visits exceeds the threshold, 0 elsewhere, -1 unknown.
+
+        As large as the known cells; its origin is the corner of cell (0, 0), a multiple of the resolution
+        (GMapping publishes that cell's centre, half a cell off the convention).
+        """
+        rows = np.flatnonzero(self._visits.any(axis=1))
+        columns = np.flatnonzero(self._visits.any(axis=0))
+        if len(rows) == 0:
+            return OccupancyGrid(np.zeros((0, 0), dtype=np.int8), self.resolution_m, (0.0, 0.0))
+        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        hits, visits = self._hits[window], self._visits[window]
+        data = np.where(hits > occupied_threshold * visits, 100, 0)
+        data[visits == 0] = -1
+        corner_x = float(self._origin_cells[0] + columns[0]) * self.resolution_m
+        corner_y = float(self._origin_cells[1] + rows[0]) * self.resolution_m
+        return OccupancyGrid(data.astype(np.int8), self.resolution_m, (corner_x, corner_y))
+
+    def _grow(self, low_m: Floats, high_m: Floats) -> None:
+        low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1
+        high = np.floor(high_m / self.resolution_m).astype(np.int64) + 2
+        if self._visits.size == 0:
+            self._origin_cells = low.copy()
+        size = np.array(self._visits.shape[::-1])
+        before = self._origin_cells - low
+        after = high - self._origin_cells - size
+        before = np.where(before > 0, before + _MARGIN_CELLS, 0)
+        after = np.where(after > 0, after + _MARGIN_CELLS, 0)
+        if before.any() or after.any():
+            widths = ((before[1], after[1]), (before[0], after[0]))
+            self._hits = np.pad(self._hits, widths)
+            self._visits = np.pad(self._visits, widths)
+            self._origin_cells = self._origin_cells - before
+
+
+@njit
+def _count(
+    cell_hits: npt.NDArray[np.int32],
+    cell_visits: npt.NDArray[np.int32],
+    pose: Floats,
+    ends: Floats,
+    hits: int,
+    count: int,
+) -> None:
+    """Add ``count`` (1 or -1) to the visits and hits of the cells on a scan's rays; all lengths in cells."""
+    cells, placed = trace_rays(pose, ends)
+    for k in range(cells.shape[0]):
+        cell_visits[cells[k, 1], cells[k, 0]] += count
+    for b in range(hits):
+        column, row = math.floor(placed[b, 0]), math.floor(placed[b, 1])
+        cell_visits[row, column] += count
+        cell_hits[row, column] += count
 
 
 class GridSlam(ABC):

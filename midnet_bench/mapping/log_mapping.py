@@ -10,10 +10,10 @@ from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.gmapping.gmapping_settings import RECORDED_LOG
-from midnet_bench.mapping.graph_slam.slam import FEWEST_BEAMS, GraphSlam
+from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.graph_slam import FEWEST_BEAMS, GraphSlam
 from midnet_bench.mapping.grid_slam import GridSlam
+from midnet_bench.mapping.mapping_settings import RECORDED_LOG
 from midnet_bench.rng import stream
 
 MAX_LOOKS = 200

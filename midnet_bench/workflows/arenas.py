@@ -27,8 +27,7 @@ from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.map_server import load_map, read_image
-from midnet_bench.simulation.fast.outlines import outlines_of
-from midnet_bench.simulation.fast.rays import cast_on_outlines
+from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 
 Floats = npt.NDArray[np.float64]
 Unknown = Literal["wall", "free"]

@@ -11,9 +11,8 @@ from midnet_bench.grid import MapWindow
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
-from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF
-from midnet_bench.mapping.mapping_settings import FrontierSettings
+from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.mapping_settings import BURGER_UKF, FrontierSettings
 from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream

@@ -12,14 +12,14 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.geometry import LidarGeometry, Pose2D
-from midnet_bench.mapping.gmapping.filter import (
+from midnet_bench.mapping.gmapping import (
     GMapping,
     effective_particles,
     normalized_weights,
     systematic_resample,
 )
-from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF, GmappingSettings
-from midnet_bench.mapping.scans import scan_rays
+from midnet_bench.mapping.grid_slam import scan_rays
+from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, drive
@@ -115,7 +115,7 @@ def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_cores_are_those_that_numba_may_use(count: str) -> None:
     # joblib's workers set the variable to 1
-    code = "from midnet_bench.mapping.gmapping.particle_map import cores; print(cores())"
+    code = "from midnet_bench.mapping.particle_map import cores; print(cores())"
     environment = {**os.environ, "NUMBA_NUM_THREADS": count}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.stdout.strip() == count

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
-from midnet_bench.mapping.gmapping.scan_matcher import EMPTY, PATCH_CELLS
-from midnet_bench.mapping.scans import VisitMap
+from midnet_bench.mapping.grid_slam import VisitMap
+from midnet_bench.mapping.particle_map import EMPTY, PATCH_CELLS, ParticleMaps
 
 CELL_M = 0.05
 Points = npt.NDArray[np.float64]

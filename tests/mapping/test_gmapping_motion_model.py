@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.filter import move_particles, noise_deviations
-from midnet_bench.mapping.gmapping.gmapping_settings import RECORDED_LOG, GmappingSettings
+from midnet_bench.mapping.gmapping import move_particles, noise_deviations
+from midnet_bench.mapping.mapping_settings import RECORDED_LOG, GmappingSettings
 
 SHARES = GmappingSettings(noise_srr=0.1, noise_srt=0.2, noise_str=0.3, noise_stt=0.4)
 

@@ -8,17 +8,16 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF, RECORDED_LOG
-from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
-from midnet_bench.mapping.gmapping.scan_matcher import (
+from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_line
+from midnet_bench.mapping.mapping_settings import BURGER_UKF, RECORDED_LOG
+from midnet_bench.mapping.particle_map import (
+    ParticleMaps,
     climb,
     log_likelihood,
     match_particles,
     match_score,
     matching_in_cells,
 )
-from midnet_bench.mapping.hill_climb import hill_climb, rotate
-from midnet_bench.mapping.scans import trace_line
 from tests.mapping.gmapping_room import ROOM, cast
 
 CELL_M = 0.05

@@ -13,7 +13,7 @@ from benchmarks.relations import read_dense_odometry, read_relations, relations_
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle, read_scan_log
-from midnet_bench.mapping.graph_slam.correlative_matcher import (
+from midnet_bench.mapping.correlative_matcher import (
     BLOCK_CELLS,
     CELL_M,
     FULL,
@@ -21,7 +21,7 @@ from midnet_bench.mapping.graph_slam.correlative_matcher import (
     hit_field,
     match,
 )
-from midnet_bench.mapping.graph_slam.slam import GraphSlam
+from midnet_bench.mapping.graph_slam import GraphSlam
 from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.robots.burger import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, cast, drive

@@ -10,7 +10,7 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import half_circle, read_scan_log
-from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.log_mapping import collapse, map_scans
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, drive
 

@@ -9,9 +9,16 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.map_alignment import Fit
 from midnet_bench.mapping.mapping_settings import MergeSettings
-from midnet_bench.mapping.merge import by_features, by_known_starts, compose, confidence, match_maps, refusals
+from midnet_bench.mapping.merge import (
+    Fit,
+    by_features,
+    by_known_starts,
+    compose,
+    confidence,
+    match_maps,
+    refusals,
+)
 from midnet_bench.rng import stream
 from tests.mapping.drawn_buildings import (
     VALUES,

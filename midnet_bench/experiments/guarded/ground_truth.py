@@ -21,8 +21,7 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject, touches
 from midnet_bench.simulation.crowd import ranges_to
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.fast.outlines import outlines_of
-from midnet_bench.simulation.fast.rays import cast_on_outlines
+from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 from midnet_bench.simulation.sensors import NOTHING, SOLID, NoiseBlocks, NoiseFreeScan
 
 Floats = npt.NDArray[np.float64]

@@ -8,8 +8,13 @@ from midnet_bench.agents.agent_settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
-from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF, BURGER_UKF_SOURCES, GmappingSettings
-from midnet_bench.mapping.mapping_settings import FrontierSettings, MergeSettings
+from midnet_bench.mapping.mapping_settings import (
+    BURGER_UKF,
+    BURGER_UKF_SOURCES,
+    FrontierSettings,
+    GmappingSettings,
+    MergeSettings,
+)
 from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import OdometrySettings, SimulationSettings

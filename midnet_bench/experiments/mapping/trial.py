@@ -19,7 +19,7 @@ from midnet_bench.geometry import Point, Pose2D
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer, Gap, wall_gaps
-from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.merge import by_features, by_known_starts, confidence, largest, refusals
 from midnet_bench.navigation.navigator import Navigator

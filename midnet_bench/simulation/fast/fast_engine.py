@@ -10,8 +10,7 @@ from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast import motion
-from midnet_bench.simulation.fast.outlines import outlines_of
-from midnet_bench.simulation.fast.rays import cast_on_outlines
+from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import exp
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.hill_climb import hill_climb, rotate
+from midnet_bench.mapping.grid_slam import hill_climb, rotate
 
 Floats = npt.NDArray[np.float64]
 Field = npt.NDArray[np.uint8]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from midnet_bench.elementary import directions
 from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
-from midnet_bench.mapping.graph_slam.correlative_matcher import (
+from midnet_bench.mapping.correlative_matcher import (
     HitField,
     Match,
     Window,
@@ -19,9 +19,8 @@ from midnet_bench.mapping.graph_slam.correlative_matcher import (
     match,
     slid_scores,
 )
-from midnet_bench.mapping.graph_slam.pose_graph import PoseGraph
-from midnet_bench.mapping.grid_slam import GridSlam
-from midnet_bench.mapping.scans import ScanRays, scan_rays
+from midnet_bench.mapping.grid_slam import GridSlam, ScanRays, scan_rays
+from midnet_bench.mapping.pose_graph import PoseGraph
 
 Floats = npt.NDArray[np.float64]
 

@@ -10,11 +10,14 @@ import numpy.typing as npt
 
 from midnet_bench.elementary import directions, exponentials
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
-from midnet_bench.mapping.gmapping.gmapping_settings import GmappingSettings
-from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, ParticleThreads
-from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
-from midnet_bench.mapping.grid_slam import GridSlam
-from midnet_bench.mapping.scans import ScanRays, scan_rays
+from midnet_bench.mapping.grid_slam import GridSlam, ScanRays, scan_rays
+from midnet_bench.mapping.mapping_settings import GmappingSettings
+from midnet_bench.mapping.particle_map import (
+    ParticleMaps,
+    ParticleThreads,
+    match_particles,
+    matching_in_cells,
+)
 from midnet_bench.rng import standard_normals
 
 

@@ -1,1 +1,0 @@
-"""GMapping: a grid map and a trajectory from scans and odometry, by particles."""

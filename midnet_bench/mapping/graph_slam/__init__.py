@@ -1,1 +1,0 @@
-"""Graph SLAM over correlative scan matching, for logs whose wheels slip."""
