@@ -157,9 +157,9 @@ class Costmap(ABC):
             raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
         settings = self.settings
         self._follow(pose)
-        if settings.memory_s == 0.0:
-            self.marks.fill(self._unseen)
-        elif not self.remembers_for_ever:
+        if not self.remembers_for_ever:
+            if settings.memory_s == 0.0:
+                self.marks.fill(self._unseen)
             is_old = self._marked_at_s < time_s - settings.memory_s
             self.marks[(self.marks == LETHAL) & is_old] = FREE_SPACE
         if len(self._marked) < len(ranges_m):
