@@ -54,7 +54,6 @@ class MujocoEngine:
         self._wheels = np.zeros((len(starts), 2))
 
     def _look(self) -> None:
-        """Take hold of MuJoCo's arrays."""
         self._places = self._data.qpos.reshape(-1, 3)
         self._motors = self._data.ctrl.reshape(-1, 3)
         self._owners = self._model.geom_bodyid.astype(np.int64) - 1

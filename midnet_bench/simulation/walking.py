@@ -141,7 +141,6 @@ def _turn(state: Floats, path: Floats, step_s: float) -> bool:
 
 @njit
 def _wrapped(angle_rad: float) -> float:
-    """As :func:`~midnet_bench.geometry.wrap_angle`."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 

@@ -64,11 +64,7 @@ class MappingParameters(Parameters):
         },
     )
     ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
-    gmapping: GmappingSettings = group(
-        BURGER_UKF,
-        "GMapping",
-        sources=BURGER_UKF_SOURCES,
-    )
+    gmapping: GmappingSettings = group(BURGER_UKF, "GMapping", sources=BURGER_UKF_SOURCES)
     frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration")
     merging: MergeSettings = group(MergeSettings(), "merging by features")
     navigator: NavigatorSettings = group(
