@@ -40,6 +40,7 @@ def test_a_line_of_walls_becomes_one_solid_per_piece(tmp_path) -> None:
     ("key", "value", "said"),
     [
         ("plane_m", [8.0, -8.0], "plane_m.1: Input should be greater than 0 (got -8.0)"),
+        ("plane_m", [float("inf"), 8.0], "plane_m.0: "),
         ("plane_m", [4.0, 8.0], "enclosure_m.0: larger than the plane (4 m)"),
         ("wall_height_m", 0.1, "wall_height_m: "),
         ("walls", [], "walls: "),
@@ -49,6 +50,7 @@ def test_a_line_of_walls_becomes_one_solid_per_piece(tmp_path) -> None:
         ("robots", {"center_m": [3.5, 0]}, "robots.center_m: (3.5, 0) is not inside the enclosure"),
         ("stationary_intruders", {"count": -1}, "stationary_intruders.count: "),
         ("stationary_intruders", {"size_m": [1.0, 0.4]}, "size_m: the least size comes first"),
+        ("stationary_intruders", {"shapes": ["ball"]}, "shapes.0: Input should be 'box' or 'cylinder'"),
         (
             "stationary_intruders",
             {"placed": [{"shape": "box", "x_m": 3.0, "y_m": 0.0, "size_m": [1.0, 1.0]}]},
@@ -56,6 +58,9 @@ def test_a_line_of_walls_becomes_one_solid_per_piece(tmp_path) -> None:
         ),
         ("plane_m", [float("nan"), 8.0], "plane_m.0: Input should be a finite number (got nan)"),
         ("walls", [[[0, 0]]], "walls.0: too few items; at least 2 needed (got [[0, 0]])"),
+        ("walls", [[[0, 0], [0, True]]], "walls: Input should be a valid number"),
+        ("wall_thickness_m", True, "wall_thickness_m: Input should be a valid number (got True)"),
+        ("mobile_intruders", {"count": "many"}, "mobile_intruders.count: "),
     ],
 )
 def test_a_wrong_file_is_one_line_that_names_file_and_key(tmp_path, key, value, said) -> None:

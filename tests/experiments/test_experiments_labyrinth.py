@@ -84,9 +84,13 @@ def test_an_intruder_that_waits_stands_until_then() -> None:
         assert moved_m > 0.1
 
 
-@pytest.mark.parametrize(("time_limit_s", "caught"), [(60.0, 1), (2.0, 0)])
-def test_a_trial_may_go_on_to_the_time_limit_which_is_no_success(time_limit_s: float, caught: int) -> None:
-    row = run_labyrinth(corridor(ends="time_limit", time_limit_s=time_limit_s), 1).tables["trial"][0]
+@pytest.mark.parametrize(
+    ("ends", "time_limit_s", "caught"), [("time_limit", 60.0, 1), ("nobody_left", 2.0, 0)]
+)
+def test_a_trial_may_go_on_to_the_time_limit_which_is_no_success(
+    ends: str, time_limit_s: float, caught: int
+) -> None:
+    row = run_labyrinth(corridor(ends=ends, time_limit_s=time_limit_s), 1).tables["trial"][0]
     assert (row["caught"], row["duration_s"], row["ended"]) == (caught, time_limit_s, "time limit")
     assert row["success_rate"] == 100.0 * caught
 
