@@ -140,7 +140,7 @@ def command(
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
-        text, _ = options.described(function.__doc__)
+        text, _ = options.described(function)
         paragraphs = [" ".join(part.split()) for part in text.split("\n\n")]
         group.command(
             name,

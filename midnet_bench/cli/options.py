@@ -5,9 +5,11 @@ A function or a dataclass declares an option by a parameter with a type; its doc
 left out.
 """
 
+import ast
 import inspect
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -63,9 +65,13 @@ def parameter(metavar: str = "NAME", **more: Any) -> Any:
     return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
 
 
-def described(docstring: str | None) -> tuple[str, dict[str, re.Match[str]]]:
+def described(function: Any) -> tuple[str, dict[str, re.Match[str]]]:
     """A docstring without its section ``Options``, and by name the parts of that section's lines."""
-    text, _, section = inspect.cleandoc(docstring or "").partition("\n\nOptions:\n")
+    docstring = function.__doc__ or ""
+    if sys.flags.optimize > 1:  # Python has dropped it
+        (node,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+        docstring = ast.get_docstring(node) or ""  # type: ignore[arg-type]
+    text, _, section = inspect.cleandoc(docstring).partition("\n\nOptions:\n")
     lines = [line.strip() for line in re.sub(r"\n {5,}", " ", section).splitlines()]
     found = [_LINE.fullmatch(line) for line in lines]
     assert all(found), f"an option needs 'name: help': {lines}"
@@ -74,7 +80,7 @@ def described(docstring: str | None) -> tuple[str, dict[str, re.Match[str]]]:
 
 def declared(function: Any) -> list[inspect.Parameter]:
     """The parameters of a function or a dataclass, those that its docstring describes as Typer's options."""
-    _, found = described(function.__doc__)
+    _, found = described(function)
     hints = get_type_hints(function, include_extras=True)
     made = []
     for name, one in inspect.signature(function).parameters.items():

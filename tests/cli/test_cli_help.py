@@ -1,5 +1,7 @@
 """What the program says of itself: without arguments, and for each command."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,3 +53,9 @@ def test_what_runs_campaigns_shares_its_options_in_three_groups(name: str, tmp_p
     known = {one.name for one in typer.main.get_command(app).commands[name].params}
     assert {option for names in GROUPS.values() for option in names.split()} <= known
     assert "--trials" not in text
+
+
+def test_options_are_the_same_where_python_drops_docstrings(tmp_path: Path) -> None:
+    helped = [sys.executable, "-OO", "-m", "midnet_bench", "report", "--help"]
+    done = subprocess.run(helped, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == midnet_bench("report", "--help", folder=tmp_path).stdout
