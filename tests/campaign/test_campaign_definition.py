@@ -254,3 +254,11 @@ def test_code_of_the_user_joins_a_factor_that_the_grid_compares() -> None:
     added = override(campaign, {"bias": "mine.py:Second(gain=2)"})
     assert added.grid["bias"] == ["midnet", "mine.py:First", "mine.py:Second(gain=2)"]
     assert override(campaign, {"bias": "midnet"}).grid["bias"] == ["midnet"]
+
+
+def test_every_cell_meets_the_same_seeds() -> None:
+    small = Campaign(experiment="coins", grid={"coins": [1, 2]}, trials=3)
+    grown = Campaign(experiment="coins", grid={"coins": [1, 2, 3]}, trials=5)
+
+    ids = {spec.trial_id for spec in resolve(small, coins).trials()}
+    assert ids < {spec.trial_id for spec in resolve(grown, coins).trials()}

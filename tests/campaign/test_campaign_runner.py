@@ -26,7 +26,7 @@ from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
-from tests.campaign.campaign_process import exported
+from tests.campaign.campaign_process import environment, exported
 
 GRID = {"coins": [1, 2, 3], "table": ["wood", "glass"]}
 
@@ -374,3 +374,44 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match=wanted):
         run(tmp_path, {"backend": "dask", "scheduler": "tcp://127.0.0.1:8786"})
     assert not (tmp_path / "campaign.sqlite").exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc to find the workers")
+def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> None:
+    """Two even for one job, since joblib runs a single job in this process, where a crash ends the campaign.
+
+    A program of its own, for this one's workers stay.
+    """
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from midnet_bench.campaign.definition import Campaign, resolve\n"
+        "from midnet_bench.campaign.runner import Progress, run_campaign\n"
+        "from tests.campaign import coin_experiments as coins\n"
+        "class Counting(Progress):\n"
+        "    def advance(self, outcome):\n"
+        "        lines = [task.read_text() for task in Path('/proc/self/task').glob('*/children')]\n"
+        "        children = ' '.join(lines).split()\n"
+        "        commands = [Path('/proc', pid, 'cmdline').read_text() for pid in children]\n"
+        "        found.append(sum('popen_loky' in command for command in commands))\n"
+        "for trials, jobs in ((3, 1), (1, 2), (4, 2)):\n"
+        "    found = []\n"
+        "    campaign = resolve(Campaign(experiment='coins', trials=trials), coins)\n"
+        "    run_campaign(campaign, Path(sys.argv[1]) / f'{trials}', jobs=jobs, progress=Counting())\n"
+        "    print(*found)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment(),
+    )
+    assert done.stdout.splitlines() == ["2 2 2", "2", "2 2 2 2"]
+
+
+def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
+    run(tmp_path / "one")
+    run(tmp_path / "two", base_seed=100)
+
+    assert exported(tmp_path / "one")["tosses.csv"] != exported(tmp_path / "two")["tosses.csv"]
