@@ -62,8 +62,7 @@ class Timed(NamedTuple):
     simulated_s: float
     cpu_before_s: float
     """of the process until the trial began; of the first one: of imports and of reading the parameters"""
-    peak_mb: float
-    """of the process so far"""
+    peak_mb: float  # of the process so far
 
 
 class Side:

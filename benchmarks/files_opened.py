@@ -28,8 +28,7 @@ from midnet_bench.experiments.detection.trial import DetectionTrial, run_detecti
 from midnet_bench.simulation.fleet import SCAN_HZ
 
 PACKAGE = Path(midnet_bench.__file__).parent
-WORLD = ("simulation", "robots", "arena")
-"""rooms below which a real robot would have its drivers"""
+WORLD = ("simulation", "robots", "arena")  # rooms below which a real robot would have its drivers
 
 
 @contextmanager

@@ -29,8 +29,7 @@ from midnet_bench.robots.burger import BURGER
 from midnet_bench.scoring.frame_counts import TruthObject, count_frame, total
 
 CELL_M = 0.05
-GROWN_M = 0.105
-"""from a return to the edge of its cells above the default ``thresh_local``"""
+GROWN_M = 0.105  # from a return to the edge of its cells above the default ``thresh_local``
 
 Places = npt.NDArray[np.float64]
 
@@ -41,33 +40,25 @@ class Team:
 
     robots: int = 5
     fusion: str = "paper"
-    window_m: float = 3.5
-    """side of the square around a robot in which it sees; that of MIDNet's costmap"""
-    pose_error_m: float = 0.02
-    """standard deviation of each coordinate of a robot's believed place"""
+    window_m: float = 3.5  # side of the square around a robot in which it sees; that of MIDNet's costmap
+    pose_error_m: float = 0.02  # standard deviation of each coordinate of a robot's believed place
     midnet: MIDNetSettings = field(default_factory=MIDNetSettings)
 
 
 class Scene(NamedTuple):
     """One frame."""
 
-    robots: Places
-    """(n, 2) where the robots are, metres"""
-    believed: Places
-    """(n, 2) where they believe themselves to be"""
-    intruders: BoxArray
-    """(k, 4)"""
+    robots: Places  # (n, 2) where the robots are, metres
+    believed: Places  # (n, 2) where they believe themselves to be
+    intruders: BoxArray  # (k, 4)
 
 
 class Seen(NamedTuple):
     """What the team tells of a scene."""
 
-    boxes: list[BoxArray]
-    """of each robot, (n, 4), map frame, metres"""
-    poses: list[Pose2D]
-    """which it believes in"""
-    in_range: npt.NDArray[np.bool_]
-    """(k,) whether some robot sees the intruder"""
+    boxes: list[BoxArray]  # of each robot, (n, 4), map frame, metres
+    poses: list[Pose2D]  # which it believes in
+    in_range: npt.NDArray[np.bool_]  # (k,) whether some robot sees the intruder
 
 
 def draw_scene(robots: int, pose_error_m: float, rng: np.random.Generator) -> Scene:

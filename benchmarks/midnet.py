@@ -25,10 +25,8 @@ from midnet_bench.midnet.pipeline import Frame, MIDNet, Observation
 
 SIDE_M = 5.0
 TEAMS = (5, 50, 100, 200, 400)
-BARE_US = 43.0
-"""bare OpenCV on the machine of the bars"""
-EVERY = 4
-"""frames of the trial between two that are kept"""
+BARE_US = 43.0  # bare OpenCV on the machine of the bars
+EVERY = 4  # frames of the trial between two that are kept
 
 
 def main(frames: int = 200, teams: Sequence[int] = TEAMS, repeats: int = 41) -> None:

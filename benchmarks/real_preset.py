@@ -37,8 +37,7 @@ from midnet_bench.workflows.replay import Replayed, replay
 THRESHOLDS = (20, 30, 40, 50, 60, 70)
 AREAS_M2 = (0.0, 0.003, 0.004, 0.005, 0.006)
 BEFORE = {"thresh_global": 20, "return_area_m2": 0.0}
-SUBTRACTION = {"detector": "subtraction(tolerance_m=0.2)"}
-"""the plain one, for comparison"""
+SUBTRACTION = {"detector": "subtraction(tolerance_m=0.2)"}  # the plain one, for comparison
 MOUNT = [-0.153, 0.021, math.degrees(0.0065)]
 LEGS = ("positive_1", "positive_2", "positive_3", "positive_4")
 HITS = (0.1, 0.25)

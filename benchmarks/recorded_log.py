@@ -23,8 +23,7 @@ from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.mapping.mapping_settings import RECORDED_LOG
 
 SLIPS, SLIP_M, SLIP_RAD = 3, 0.3, 0.25
-FIRST_SLIP = 20
-"""scans of the log before a slip, and after it"""
+FIRST_SLIP = 20  # scans of the log before a slip, and after it
 
 
 def drawn_slips(scans: int, seed: int) -> list[tuple[int, Pose2D]]:

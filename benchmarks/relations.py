@@ -12,8 +12,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import numbers, read_lines
 from midnet_bench.io.trajectory import Trajectory
 
-_SAME_INSTANT_S = 0.01
-"""two programs' stamps of one reading may lie this far apart"""
+_SAME_INSTANT_S = 0.01  # two programs' stamps of one reading may lie this far apart
 
 
 class Relation(NamedTuple):
@@ -27,8 +26,7 @@ class Relation(NamedTuple):
 class RelationsError(NamedTuple):
     """Translational errors over the relations whose stamps the trajectory covers."""
 
-    mean_m: float
-    """NaN when there is none"""
+    mean_m: float  # NaN when there is none
     relations: int
 
 

@@ -30,8 +30,7 @@ from midnet_bench.rng import stream
 TEAMS = (1, 5, 10, 20, 50, 100, 200)
 FUSIONS = ("paper", "none", "suppression", "components", "weighted", "centres")
 FITTED_FROM = 20
-COUNTED_SCENES = 3
-"""plain Python takes seconds a scene"""
+COUNTED_SCENES = 3  # plain Python takes seconds a scene
 
 
 def main(teams: Sequence[int] = TEAMS, scenes: int = 20) -> None:

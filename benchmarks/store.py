@@ -27,10 +27,8 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.workflows.campaigns import packaged_campaigns
 
-AT_ONCE = 1000
-"""trials that are committed together"""
-CELLS = 25
-"""of the packaged campaign"""
+AT_ONCE = 1000  # trials that are committed together
+CELLS = 25  # of the packaged campaign
 LARGEST_TEAM = 5
 
 

@@ -9,8 +9,7 @@ from midnet_bench.campaign.tables import TIMING_TABLE, Columns
 from midnet_bench.experiments.columns import DETECTION, LABYRINTH, MAPPING
 
 PAGE = Path(__file__).with_name("results.md")
-BLOCK = re.compile(r"^\*\*`(\w+)`\*\* .*?\n(?=\n)", re.M | re.S)
-"""a table's paragraph"""
+BLOCK = re.compile(r"^\*\*`(\w+)`\*\* .*?\n(?=\n)", re.M | re.S)  # a table's paragraph
 TABLES = dict(chain(TIMING_TABLE.items(), MAPPING.items(), LABYRINTH.items(), DETECTION.items()))
 
 

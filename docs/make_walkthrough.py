@@ -9,8 +9,7 @@ from midnet_bench.experiments.guarded.guarded_arena import ObservedFrame
 from midnet_bench.grid import OccupancyGrid
 
 IMAGES = Path(__file__).with_name("images")
-SEED, FRAME, GUARD_SHOWN = 1, 226, 3
-"""the frame has few boxes, and a fusion at each level of the tree"""
+SEED, FRAME, GUARD_SHOWN = 1, 226, 3  # the frame has few boxes, and a fusion at each level of the tree
 
 
 def shown_frame() -> tuple[OccupancyGrid, ObservedFrame]:

@@ -36,8 +36,7 @@ PACKAGE = Path(__file__).parent
 VARIABLE = "NUMBA_CACHE_DIR"
 """the environment variable, numba's own, that names the folder for compiled loops"""
 LIBRARIES = ("numba", "llvmlite", "numpy")
-KEPT_S = 30 * 24 * 3600.0
-"""after so long without anything new, the machine code of other sources is deleted"""
+KEPT_S = 30 * 24 * 3600.0  # after so long without anything new, the machine code of other sources is deleted
 _IMPORTS = re.compile(
     rb"^\s*(?:from|import) (midnet_bench[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE
 )
@@ -84,8 +83,7 @@ def _compiled(options: dict[str, Any], function: F) -> F:
     return dispatcher
 
 
-_running = threading.local()
-"""``inside``: whether Python runs a loop of this thread already"""
+_running = threading.local()  # ``inside``: whether Python runs a loop of this thread already
 
 
 def _interpreted(function: F) -> F:

@@ -23,8 +23,7 @@ from midnet_bench.compiled import before_first_loop, folder, njit
 
 Floats = npt.NDArray[np.float64]
 
-_PLACES = 256
-"""binary ones, of the integers that stand for numbers here"""
+_PLACES = 256  # binary ones, of the integers that stand for numbers here
 _ONE = 1 << _PLACES
 
 
@@ -54,15 +53,13 @@ _2_PER_PI = 2.0 / math.pi
 _HALF_PI_1, _HALF_PI_2, _HALF_PI_3, _HALF_PI_4 = _split(_PI // 2, 32, 64, 96)
 _HALF_PI, _HALF_PI_REST = _split(_PI // 2, 52)
 _WHOLE_PI, _WHOLE_PI_REST = 2.0 * _HALF_PI, 2.0 * _HALF_PI_REST
-_FAR_RAD = 1e6
-"""up to here a count of quarter turns times the first parts of pi / 2 is exact"""
+_FAR_RAD = 1e6  # up to here a count of quarter turns times the first parts of pi / 2 is exact
 
 _ARCTANS = np.array([_split(_arctan(k, 16) if k < 16 else _PI // 4, 53) for k in range(17)])
 """(17, 2) arctan(k / 16) as a sum"""
 
 _LN_2_1, _LN_2_2 = _split(_LN_2, 36)
-_STEPS = 32
-"""of the exponential's argument for each doubling"""
+_STEPS = 32  # of the exponential's argument for each doubling
 _PER_STEP = _STEPS * _ONE / _LN_2
 _STEP_1, _STEP_2 = _split(_LN_2 // _STEPS, 42)
 _ROOT = 2 * _ONE

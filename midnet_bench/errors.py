@@ -4,8 +4,7 @@ import difflib
 from collections.abc import Iterable
 
 LONGEST_ASKED = 100
-FEW_NAMES = 20
-"""that a message lists"""
+FEW_NAMES = 20  # that a message lists
 
 
 class MidnetBenchError(Exception):

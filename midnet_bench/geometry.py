@@ -41,12 +41,9 @@ def wrap_angle(angle_rad: float) -> float:
 class Pose2D(NamedTuple):
     """Where a frame's origin lies in a parent frame and which way its x axis points."""
 
-    x: float
-    """metres"""
-    y: float
-    """metres"""
-    yaw: float
-    """radians, counter-clockwise from the parent's x axis"""
+    x: float  # metres
+    y: float  # metres
+    yaw: float  # radians, counter-clockwise from the parent's x axis
 
     @property
     def direction(self) -> tuple[float, float]:
@@ -153,8 +150,7 @@ class LidarGeometry:
     angle_increment_rad: float
     range_min_m: float
     range_max_m: float
-    mount: Pose2D
-    """the sensor in the robot's base frame"""
+    mount: Pose2D  # the sensor in the robot's base frame
 
     @property
     def angles_rad(self) -> npt.NDArray[np.float64]:
@@ -171,11 +167,9 @@ class LidarGeometry:
 class Scan(NamedTuple):
     """sensor_msgs/LaserScan, and where the robot took itself to be then."""
 
-    ranges_m: npt.NDArray[np.float64]
-    """(beams,); inf where nothing was met, nan where the reading is void"""
+    ranges_m: npt.NDArray[np.float64]  # (beams,); inf where nothing was met, nan where the reading is void
     lidar: LidarGeometry
-    pose: Pose2D
-    """of the robot, map frame"""
+    pose: Pose2D  # of the robot, map frame
     stamp_s: float
 
     def returns(self, range_m: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
@@ -223,12 +217,9 @@ class Solid:
     """A box turned by ``pose.yaw`` about its centre, or a cylinder; it stands on the floor."""
 
     kind: Literal["box", "cylinder"]
-    pose: Pose2D
-    """centre, map frame"""
-    length_m: float
-    """along its own x axis; a cylinder's diameter"""
-    width_m: float
-    """along its own y axis; a cylinder's diameter"""
+    pose: Pose2D  # centre, map frame
+    length_m: float  # along its own x axis; a cylinder's diameter
+    width_m: float  # along its own y axis; a cylinder's diameter
     height_m: float
 
     @classmethod

@@ -8,13 +8,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-FREE, UNKNOWN, OCCUPIED = 0, -1, 100
-"""Values of an int8 occupancy grid (nav_msgs/OccupancyGrid)."""
-OCCUPIED_FROM = 65
-"""Values of a map from here on are obstacles (map_server's occupied_thresh)."""
+FREE, UNKNOWN, OCCUPIED = 0, -1, 100  # Values of an int8 occupancy grid (nav_msgs/OccupancyGrid).
+OCCUPIED_FROM = 65  # Values of a map from here on are obstacles (map_server's occupied_thresh).
 
-_SLACK = 1e-6
-"""Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell."""
+_SLACK = 1e-6  # Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell.
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
 
@@ -29,10 +26,8 @@ class OccupancyGrid:
     """
 
     data: npt.NDArray[Any]
-    resolution: float
-    """metres per cell"""
-    origin: tuple[float, float]
-    """(x, y), metres"""
+    resolution: float  # metres per cell
+    origin: tuple[float, float]  # (x, y), metres
 
     def __repr__(self) -> str:
         """Size, resolution and origin; not the cells."""
@@ -96,11 +91,9 @@ class OccupancyGrid:
 class MapWindow:
     """Whole cells whose corners lie on multiples of the resolution, as those of GMapping's maps do here."""
 
-    column: int
-    """of the first cell, counted from the map frame's origin"""
+    column: int  # of the first cell, counted from the map frame's origin
     row: int
-    width: int
-    """cells along x"""
+    width: int  # cells along x
     height: int
     resolution_m: float
 

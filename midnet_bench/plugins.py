@@ -39,8 +39,7 @@ from midnet_bench.settings import Scalar
 
 EXECUTED = "midnet_bench_reference_"
 """what the names of modules begin with that are read from a user's file or cell"""
-DIGITS = 12
-"""of the digests, hexadecimal"""
+DIGITS = 12  # of the digests, hexadecimal
 FORMS = "expected package.module:NAME or path/file.py:NAME"
 VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
 """an extension point's value: a place, options and a pin"""
@@ -61,8 +60,7 @@ class Module(NamedTuple):
 class Source(NamedTuple):
     """A file with code, as it was read."""
 
-    name: str
-    """without its folder"""
+    name: str  # without its folder
     content: bytes
     pickled: bytes = b""
     """of a class or function that is in no file, such as one of a notebook's cell; ``content`` is then its
@@ -79,10 +77,8 @@ class Source(NamedTuple):
         return found.hexdigest()[:DIGITS]
 
 
-_KNOWN: dict[str, Source] = {}
-"""digest -> file: those that this process has read, or was handed with a trial"""
-_MADE: dict[str, Any] = {}
-"""digest -> the class or function that was pickled"""
+_KNOWN: dict[str, Source] = {}  # digest -> file: those that this process has read, or was handed with a trial
+_MADE: dict[str, Any] = {}  # digest -> the class or function that was pickled
 
 
 def load_reference(reference: str) -> Any:
@@ -443,10 +439,8 @@ def _not_imported(reference: str, error: Exception) -> InputError:
 class Choice(NamedTuple):
     """An extension point's value, taken apart."""
 
-    place: str
-    """a name, or a reference as :func:`load_reference` takes"""
-    options: Mapping[str, Scalar]
-    """of the code itself, by name"""
+    place: str  # a name, or a reference as :func:`load_reference` takes
+    options: Mapping[str, Scalar]  # of the code itself, by name
     mark: str = ""
     pin: str = ""
 
@@ -468,12 +462,9 @@ class Choice(NamedTuple):
 class ExtensionPoint:
     """An option whose value names code."""
 
-    option: str
-    """its flat key, which messages begin with"""
-    entry_points: str
-    """the group under which installed packages offer theirs"""
-    method: str
-    """what every class here has"""
+    option: str  # its flat key, which messages begin with
+    entry_points: str  # the group under which installed packages offer theirs
+    method: str  # what every class here has
     own: Mapping[str, str | None]
     """this package's by name: a reference, or None for one that the caller makes"""
     needs: Mapping[str, str] = field(default_factory=dict)

@@ -28,8 +28,7 @@ TurtleBot3's navigation files of release 0.2.1; those of release 1.0.0 where the
 ROS package's default, a data sheet or the robot's Gazebo description; our choice. ``ours: off`` is a choice
 that changes nothing unless another option does."""
 
-_NEEDS = re.compile(r"off unless (\w+)=([\w+|]+)")
-"""in a source"""
+_NEEDS = re.compile(r"off unless (\w+)=([\w+|]+)")  # in a source
 
 
 def option(default: Scalar, help: str, *, source: str = "", key: str | None = None, **limits: float) -> Any:
@@ -144,20 +143,14 @@ class Settings:
 class Leaf:
     """One value of a tree of settings."""
 
-    key: str | None
-    """None: it cannot be set"""
-    path: tuple[str, ...]
-    """the attributes that lead to it"""
-    help: str
-    """what it does, a sentence; empty of one that cannot be set"""
-    limits: Mapping[str, float]
-    """its range, as pydantic names it"""
+    key: str | None  # None: it cannot be set
+    path: tuple[str, ...]  # the attributes that lead to it
+    help: str  # what it does, a sentence; empty of one that cannot be set
+    limits: Mapping[str, float]  # its range, as pydantic names it
     annotation: Any
     default: Scalar
-    source: str
-    """where the default is from, see ``SOURCES``; empty if nothing says so"""
-    group: str
-    """the titles of the groups it is in; empty for the root's own options"""
+    source: str  # where the default is from, see ``SOURCES``; empty if nothing says so
+    group: str  # the titles of the groups it is in; empty for the root's own options
 
     @property
     def kind(self) -> Any:

@@ -64,24 +64,19 @@ COMMANDS = {
 }
 """the commands that write files, but for ``run``"""
 READS_A_CAMPAIGN = ("report", "errors")
-GOES_ON = ("running", "detection", "size")
-"""scenes in which a file of a part of the trials is another one"""
-GROWS = {"boxes.csv"}
-"""files that a command adds to, frame by frame, for others to read meanwhile"""
+GOES_ON = ("running", "detection", "size")  # scenes in which a file of a part of the trials is another one
+GROWS = {"boxes.csv"}  # files that a command adds to, frame by frame, for others to read meanwhile
 TELL_TIMES = ("timing.csv", "provenance.json", "labyrinth_speed")
 """files of which no two runs have the same, by the beginnings of their names"""
 MEASURED = re.compile(rb"<h3>Speed of one worker</h3>.*?(?=<h[23])|<h2>Provenance.*", re.DOTALL)
 """what of a page no two runs have the same: measured speeds, and when it was run"""
-COMPILES_S = 4.0
-"""of the half a minute that it takes in all, from the command's beginning"""
-MIN_COMPILING = 5
-"""blows that fall before the last loop has been compiled"""
+COMPILES_S = 4.0  # of the half a minute that it takes in all, from the command's beginning
+MIN_COMPILING = 5  # blows that fall before the last loop has been compiled
 OWN_TIMES = "run_id, wall_s, finished_utc, checksum"
 PARENT, WORKER, GROUP = "parent", "worker", "group"
 KILLED = ((signal.SIGKILL, PARENT), (signal.SIGKILL, GROUP), (signal.SIGKILL, WORKER))
 TERMINATED = ((signal.SIGTERM, PARENT), (signal.SIGTERM, GROUP))
-LONGEST_S = 1800.0
-"""that a command may take before it counts as hanging"""
+LONGEST_S = 1800.0  # that a command may take before it counts as hanging
 
 Blow = tuple[signal.Signals, str]
 Began = Callable[[Path, int], bool]
@@ -93,20 +88,14 @@ class Scene:
     """What is struck, and when."""
 
     phase: str
-    arguments: tuple[str, ...]
-    """of the command; ``{at}`` is the folder"""
-    prepare: Callable[[Path], None]
-    """makes the folder in which the command begins"""
+    arguments: tuple[str, ...]  # of the command; ``{at}`` is the folder
+    prepare: Callable[[Path], None]  # makes the folder in which the command begins
     began: Began
-    window_s: float
-    """blows fall so long after ``began``"""
-    wanted: dict[str, object]
-    """the :func:`contents` of a folder that nobody disturbed"""
+    window_s: float  # blows fall so long after ``began``
+    wanted: dict[str, object]  # the :func:`contents` of a folder that nobody disturbed
     has_workers: bool = True
-    same_times: bool = False
-    """the trials ran before, and their times are to be the same too"""
-    cache: Path | None = None
-    """for machine code, unless it is the user's own"""
+    same_times: bool = False  # the trials ran before, and their times are to be the same too
+    cache: Path | None = None  # for machine code, unless it is the user's own
 
 
 def main() -> int:

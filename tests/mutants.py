@@ -21,13 +21,10 @@ class Mutant:
     """A change of the package, and the test that must fail with it."""
 
     name: str
-    file: str
-    """below ``midnet_bench/``"""
-    old: str
-    """stands there exactly once"""
+    file: str  # below ``midnet_bench/``
+    old: str  # stands there exactly once
     new: str
-    test: str
-    """below ``tests/``"""
+    test: str  # below ``tests/``
     compiled: bool = True
     """whether loops are compiled; in a copy with another source of machine code that takes a minute"""
 

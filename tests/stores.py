@@ -11,8 +11,7 @@ from midnet_bench.campaign.tables import encode_tables
 from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.scoring.frame_counts import Causes
 
-Caught = Callable[[int, int, int], int]
-"""(intruders, robots, seed) -> how many were caught"""
+Caught = Callable[[int, int, int], int]  # (intruders, robots, seed) -> how many were caught
 
 
 def labyrinth_store(

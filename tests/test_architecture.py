@@ -48,8 +48,7 @@ FLOORS = [
 LEVEL = {room: level for level, rooms in enumerate(FLOORS) for room in rooms}
 ABOVE_ALL = {"midnet_bench", "midnet_bench.__main__"}
 """the public names and the command: they may import everything, and no room imports them"""
-LIFTED_OUT = {"numpy", "cv2", "numba"}
-"""the libraries that ``midnet/`` needs on a robot"""
+LIFTED_OUT = {"numpy", "cv2", "numba"}  # the libraries that ``midnet/`` needs on a robot
 
 
 def name_of(path: Path) -> str:

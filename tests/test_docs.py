@@ -32,8 +32,7 @@ ENTRY_POINTS = {
     for path in PACKAGE.rglob("*.py")
     for group in re.findall(r'entry_points="([\w.]+)"', path.read_text(encoding="utf-8"))
 }
-ENDINGS = {"py", "csv", "md", "js", "png", "sqlite"}
-"""of files' names, which have a dot as modules have"""
+ENDINGS = {"py", "csv", "md", "js", "png", "sqlite"}  # of files' names, which have a dot as modules have
 WRONG = (
     r"clean and like the paper is not to be had",
     r"the reason is one and the same",

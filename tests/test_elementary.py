@@ -18,8 +18,7 @@ from midnet_bench import elementary
 from midnet_bench.compiled import numba
 from midnet_bench.geometry import lengths
 
-EXACT = np.longdouble
-"""11 more bits than a float on x86"""
+EXACT = np.longdouble  # 11 more bits than a float on x86
 POINTS = 20_000
 WORST_ULP = 1.5
 

@@ -57,8 +57,7 @@ def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
 
 
 README = Path(__file__).parents[1] / "README.md"
-OF_THE_BAG = {"/pose": "/guard_1/pose"}
-"""README's name of a topic -> that of an exported trial"""
+OF_THE_BAG = {"/pose": "/guard_1/pose"}  # README's name of a topic -> that of an exported trial
 
 
 def readme_commands() -> list[str]:

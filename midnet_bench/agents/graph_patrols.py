@@ -12,15 +12,13 @@ from scipy.sparse.csgraph import dijkstra
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.geometry import Point, lengths
 
-SPEED_MPS = 0.22
-"""of a Burger at its fastest"""
+SPEED_MPS = 0.22  # of a Burger at its fastest
 
 
 class PatrolGraph:
     """Some of the points, about evenly apart, and how far it is from one to another around the walls."""
 
-    COARSE_M = 0.25
-    """side of the cells that ways are measured on, in steps to eight neighbours"""
+    COARSE_M = 0.25  # side of the cells that ways are measured on, in steps to eight neighbours
 
     def __init__(self, points: npt.NDArray[np.float64], spacing_m: float) -> None:
         """``points``: (n, 2), metres, where a guard may be sent, each within reach of the others."""
@@ -64,8 +62,7 @@ class _OnGraph:
     points: npt.NDArray[np.float64]
     guards: int
     rng: np.random.Generator
-    spacing_m: float = 1.5
-    """least distance between two of the places"""
+    spacing_m: float = 1.5  # least distance between two of the places
 
     def __post_init__(self) -> None:
         self._graph = PatrolGraph(self.points, self.spacing_m)

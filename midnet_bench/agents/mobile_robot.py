@@ -20,8 +20,7 @@ GoalSource = Callable[["MobileRobot"], Point | None]
 class GuardState(NamedTuple):
     """What MIDNet knows of a guard that patrols or pursues."""
 
-    place: Point
-    """its estimated pose, map frame, metres"""
+    place: Point  # its estimated pose, map frame, metres
     goal: Point | None
 
 
@@ -115,10 +114,8 @@ class MobileRobot:
 class Guard(MobileRobot):
     """A mobile robot that also keeps costmaps for MIDNet, beside those it drives by (II.B and IV.A)."""
 
-    detection_costmaps: Sequence[RollingCostmap] = ()
-    """map frame; each takes every scan of this robot"""
-    scan: Scan | None = None
-    """the last one"""
+    detection_costmaps: Sequence[RollingCostmap] = ()  # map frame; each takes every scan of this robot
+    scan: Scan | None = None  # the last one
 
     @property
     def state(self) -> GuardState:

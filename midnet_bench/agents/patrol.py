@@ -19,8 +19,7 @@ DRIVABLE_M = 0.15
 whole cells of 5 cm. One that reaches farther keeps its own reach."""
 
 DRAWS_PER_RELAXATION = 200
-RELAXATION = 0.9
-"""After so many failed draws z shrinks by this factor (item 59)."""
+RELAXATION = 0.9  # After so many failed draws z shrinks by this factor (item 59).
 
 
 def safe_distance(diagonal_m: float, robots: int, z_factor: float = PatrolSettings().z_factor) -> float:
@@ -113,8 +112,7 @@ class Patrol:
 class TeamPatrol:
     """A patrol rule from outside, watched: what is wrong with it is said by its name."""
 
-    relaxations = 0
-    """none of the paper's conditions was relaxed"""
+    relaxations = 0  # none of the paper's conditions was relaxed
 
     def __init__(
         self, name: str, points: npt.NDArray[np.float64], guards: int, rng: np.random.Generator

@@ -22,16 +22,14 @@ from midnet_bench.plugins import PluginError
 NEAR_M = 0.5
 EMPTY_AFTER_S = 1.0
 """A target is not there if a pursuer is this near to its place and no box was on it for this long."""
-WITH_ORACLE = "nearest"
-"""the rule that the referee's truth decides for"""
+WITH_ORACLE = "nearest"  # the rule that the referee's truth decides for
 
 
 @dataclass
 class Target:
     """What guards may pursue, as far as MIDNet knows."""
 
-    place: Point
-    """centre of its latest box, map frame, metres"""
+    place: Point  # centre of its latest box, map frame, metres
     seen_s: float
     pursuers: list[Guard] = field(default_factory=list)
 
@@ -39,12 +37,9 @@ class Target:
 class TargetState(NamedTuple):
     """What a pursuit rule receives of a target."""
 
-    place: Point
-    """centre of its latest box, map frame, metres"""
-    seen_s: float
-    """when that box was"""
-    pursuers: tuple[int, ...]
-    """the guards that pursue it, by their places in the team"""
+    place: Point  # centre of its latest box, map frame, metres
+    seen_s: float  # when that box was
+    pursuers: tuple[int, ...]  # the guards that pursue it, by their places in the team
 
 
 Team = Sequence[GuardState]

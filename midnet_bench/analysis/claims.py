@@ -26,8 +26,7 @@ from midnet_bench.analysis.statistics import (
 )
 from midnet_bench.analysis.tables import Cell, Table
 
-LEVEL = 0.05
-"""the chance of a wrong verdict anywhere in one table"""
+LEVEL = 0.05  # the chance of a wrong verdict anywhere in one table
 
 
 class Verdict(StrEnum):
@@ -45,10 +44,8 @@ class Finding(NamedTuple):
     ours: Estimate
     above: float
     below: float
-    agreeing_seeds: int | None = None
-    """of a comparison seed by seed: how many of the ``ours.n`` seeds agree"""
-    p_value: float = math.nan
-    """1 less the highest confidence whose interval decides; NaN if it is not known"""
+    agreeing_seeds: int | None = None  # of a comparison seed by seed: how many of the ``ours.n`` seeds agree
+    p_value: float = math.nan  # 1 less the highest confidence whose interval decides; NaN if it is not known
     outlier_seed: int | None = None
     """of a comparison: the seed whose difference makes the interval wide, if one does"""
 

@@ -16,31 +16,22 @@ from midnet_bench.analysis.tables import Cell
 from midnet_bench.campaign.trial import factor_text
 
 BETTER, WORSE, UNCLEAR, IDENTICAL = "better", "worse", "no clear difference", "identical"
-BySeed = Mapping[int, float]
-"""seed -> a measure of the trial with that seed"""
-Key = tuple[object, ...]
-"""a value of each of some columns"""
+BySeed = Mapping[int, float]  # seed -> a measure of the trial with that seed
+Key = tuple[object, ...]  # a value of each of some columns
 SCOPE, MEASURE = "scope", "measure"
-BOUNDS = {"difference": ("low", "high", "n")}
-"""the columns of a table's differences"""
+BOUNDS = {"difference": ("low", "high", "n")}  # the columns of a table's differences
 
 
 class Difference(NamedTuple):
     """A measure in two cells on the seeds that they share."""
 
-    before: float
-    """mean in the first cell"""
-    after: float
-    """mean in the second cell"""
-    change: Estimate
-    """second less first, seed by seed"""
+    before: float  # mean in the first cell
+    after: float  # mean in the second cell
+    change: Estimate  # second less first, seed by seed
     seeds: int
-    p_holm: float
-    """adjusted by Holm for all that are compared together; NaN where there is no interval"""
-    outlier_seed: int | None = None
-    """the seed whose difference makes the interval wide, if one does"""
-    is_identical: bool = False
-    """whether both cells have the same number at every seed"""
+    p_holm: float  # adjusted by Holm for all that are compared together; NaN where there is no interval
+    outlier_seed: int | None = None  # the seed whose difference makes the interval wide, if one does
+    is_identical: bool = False  # whether both cells have the same number at every seed
 
     def verdict(self, wants_less: bool = False) -> str:
         """What the second cell is beside the first: better, worse, identical, or no clear difference.
@@ -121,10 +112,8 @@ class Compared(NamedTuple):
     """A score of one of the compared, beside the baseline's."""
 
     contestant: Key
-    key: Key
-    """of the cell: the factors that are not compared"""
-    cell: str
-    """the same in words"""
+    key: Key  # of the cell: the factors that are not compared
+    cell: str  # the same in words
     measure: str
     difference: Difference
     values: BySeed

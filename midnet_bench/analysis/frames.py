@@ -56,8 +56,7 @@ class Results:
 
     directory: Path
     definition: Definition
-    provenance: list[Provenance]
-    """one for each run that added trials"""
+    provenance: list[Provenance]  # one for each run that added trials
     tables: Mapping[str, pd.DataFrame]
     """Those of the finished trials by name, such as ``scores``, each read at its first use.
 
@@ -65,8 +64,7 @@ class Results:
     defined is NaN."""
     timing: pd.DataFrame
     """a row for each trial: ``status`` (finished, failed), ``wall_s``, ``simulated_s``, ``finished_utc``"""
-    failures: pd.DataFrame
-    """a row for each trial that failed, with its ``reason``; no columns if none did"""
+    failures: pd.DataFrame  # a row for each trial that failed, with its ``reason``; no columns if none did
 
     def __repr__(self) -> str:
         grid = ", ".join(f"{name}={values}" for name, values in self.definition.grid.items())
@@ -283,10 +281,8 @@ class _File:
 
     path: Path
     definition: Definition
-    table: Columns | None = None
-    """what its columns hold"""
-    is_checked: bool = False
-    """whether its columns are known to hold that"""
+    table: Columns | None = None  # what its columns hold
+    is_checked: bool = False  # whether its columns are known to hold that
 
     @cached_property
     def columns(self) -> list[str]:

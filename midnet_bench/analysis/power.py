@@ -20,8 +20,7 @@ from midnet_bench.analysis.tables import Cell
 
 ALPHA = 0.05
 POWER = 0.8
-PILOT = 0.9
-"""the confidence at which a pilot's variance is bounded"""
+PILOT = 0.9  # the confidence at which a pilot's variance is bounded
 MAX_TRIALS = 10**9
 
 BySeed = Mapping[int, float]

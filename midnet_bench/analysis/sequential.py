@@ -20,10 +20,8 @@ import numpy.typing as npt
 
 from midnet_bench.analysis.statistics import Estimate
 
-LEVEL = 0.05
-"""the chance that a decision is wrong, at most; and that the interval misses the truth"""
-BATCH = 40
-"""trials between two looks"""
+LEVEL = 0.05  # the chance that a decision is wrong, at most; and that the interval misses the truth
+BATCH = 40  # trials between two looks
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -31,13 +29,11 @@ FloatArray = npt.NDArray[np.float64]
 class Ends(NamedTuple):
     """All ways in which the trials may end, (n,) each."""
 
-    stages: npt.NDArray[np.int64]
-    """how many batches were run"""
+    stages: npt.NDArray[np.int64]  # how many batches were run
     successes: npt.NDArray[np.int64]
     sides: npt.NDArray[np.int64]
     """1 if the decision is that the probability is above the threshold, -1 below, 0 without a decision"""
-    log_ways: FloatArray
-    """logarithm of the number of sequences of trials that lead there"""
+    log_ways: FloatArray  # logarithm of the number of sequences of trials that lead there
 
     def probabilities(self, p: float) -> FloatArray:
         """Of each end, where each trial succeeds with the probability ``p``."""

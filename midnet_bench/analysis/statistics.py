@@ -23,17 +23,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-MIN_TRIALS = 3
-"""for an interval"""
-MIN_FOR_SKEWNESS = 5
-"""three or four numbers show no skewness: theirs is Student's plain interval"""
-WIDE = 1.5
-"""times Student's length: from there on the correction for skewness makes an interval wide"""
-RESAMPLES = 10_000
-"""of the seeds, always the same ones"""
+MIN_TRIALS = 3  # for an interval
+MIN_FOR_SKEWNESS = 5  # three or four numbers show no skewness: theirs is Student's plain interval
+WIDE = 1.5  # times Student's length: from there on the correction for skewness makes an interval wide
+RESAMPLES = 10_000  # of the seeds, always the same ones
 MEAN_METHOD = "95 % intervals: Student's t, corrected for skewness"
-SHARE_METHOD = "95 % intervals: Wilson's score"
-"""for titles of tables and figures"""
+SHARE_METHOD = "95 % intervals: Wilson's score"  # for titles of tables and figures
 OUTLIER_NOTE = (
     "outlier_seed: the difference at this seed is far from those at the others and makes the interval wide; "
     "run more seeds."
@@ -49,18 +44,15 @@ class Estimate(NamedTuple):
     value: float
     low: float
     high: float
-    n: int
-    """how many trials it stands on"""
+    n: int  # how many trials it stands on
 
     def times(self, factor: float) -> "Estimate":
         """The number in another unit."""
         return Estimate(factor * self.value, factor * self.low, factor * self.high, self.n)
 
 
-Interval = Callable[[float], Estimate]
-"""The estimate with its interval at a confidence, such as 0.95."""
-Range = tuple[float, float]
-"""the least and the greatest value that a number can have"""
+Interval = Callable[[float], Estimate]  # The estimate with its interval at a confidence, such as 0.95.
+Range = tuple[float, float]  # the least and the greatest value that a number can have
 ANY: Range = (-math.inf, math.inf)
 NOT_NEGATIVE: Range = (0.0, math.inf)
 
@@ -136,10 +128,8 @@ class Paired(NamedTuple):
 
     before: list[float]
     after: list[float]
-    difference: Interval
-    """of second less first, see :func:`paired_difference`"""
-    outlier_seed: int | None
-    """the seed whose difference makes the interval wide, if one does"""
+    difference: Interval  # of second less first, see :func:`paired_difference`
+    outlier_seed: int | None  # the seed whose difference makes the interval wide, if one does
 
 
 def pair(first: Mapping[int, float], second: Mapping[int, float], within: Range = ANY) -> Paired:
@@ -233,10 +223,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
 class Distance(NamedTuple):
     """A root mean square of differences."""
 
-    value: Estimate
-    """its interval is the percentile bootstrap's at 95 %, which resamples seeds"""
-    least: float
-    """when one seed is left out; NaN of a single seed"""
+    value: Estimate  # its interval is the percentile bootstrap's at 95 %, which resamples seeds
+    least: float  # when one seed is left out; NaN of a single seed
     most: float
 
 

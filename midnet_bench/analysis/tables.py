@@ -15,8 +15,7 @@ from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.io.files import write_atomically
 
-JSON_SCHEMA = 1
-"""of what ``--json`` prints; raised when a key changes its meaning or goes"""
+JSON_SCHEMA = 1  # of what ``--json`` prints; raised when a key changes its meaning or goes
 NOT_DEFINED = "n/a"
 
 Cell = Scalar | Estimate | np.generic
@@ -27,19 +26,15 @@ Cell = Scalar | Estimate | np.generic
 class Table:
     """Rows under named columns."""
 
-    name: str
-    """stable: the key in JSON and the stem of the files"""
-    title: str
-    """for people"""
+    name: str  # stable: the key in JSON and the stem of the files
+    title: str  # for people
     rows: Sequence[Mapping[str, Cell]]
     digits: Mapping[str, int] = field(default_factory=dict)
     """digits after the point by column, in the forms for people; 3 unless given"""
     bounds: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
     """CSV columns of an estimate's low end, high end and n; ``x_low``, ``x_high``, ``x_n`` unless given"""
-    notes: Sequence[str] = ()
-    """sentences that a reader of the table needs, below it in the forms for people"""
-    beside: Sequence[str] = ()
-    """columns that a terminal may leave out, the last of them first"""
+    notes: Sequence[str] = ()  # sentences that a reader of the table needs, below it in the forms for people
+    beside: Sequence[str] = ()  # columns that a terminal may leave out, the last of them first
     labels: Mapping[str, str] = field(default_factory=dict)
     """what people read at the head of a column; its name unless given"""
 

@@ -26,23 +26,20 @@ Height = Annotated[float, Field(ge=LOWEST_SOLID_M, le=10.0)]
 Count = Annotated[int, Field(ge=0, le=100)]
 Point = tuple[Coordinate, Coordinate]
 Corners = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
-MOST_BLOCKS = 5000
-"""Engines look for walls one by one; a plan with more rectangles is not drawn by hand."""
+MOST_BLOCKS = 5000  # Engines look for walls one by one; a plan with more rectangles is not drawn by hand.
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
 Kind = Literal["person", "box", "cylinder"]
 BehaviourName = Literal["stand", "wander", "hide", "follow"]
 Seconds = Annotated[float, Field(ge=0.0, le=36_000.0)]
-PERSON_RADIUS_M = 0.25
-"""about the middle between the feet: what a person needs to pass"""
+PERSON_RADIUS_M = 0.25  # about the middle between the feet: what a person needs to pass
 
 
 class RobotStarts(Spec):
     """Where security robots start: one at the centre, more of them on a ring, looking outwards (item 63)."""
 
     center_m: Point = (0.0, 0.0)
-    spacing_m: Annotated[float, Field(ge=0.3, le=10.0)] = 0.6
-    """from each robot on the ring to the next"""
+    spacing_m: Annotated[float, Field(ge=0.3, le=10.0)] = 0.6  # from each robot on the ring to the next
 
 
 class PlacedSolid(Spec):
@@ -52,17 +49,14 @@ class PlacedSolid(Spec):
     x_m: Coordinate
     y_m: Coordinate
     yaw_rad: Coordinate = 0.0
-    size_m: Size
-    """length and width of a box; a cylinder's diameter is the first"""
+    size_m: Size  # length and width of a box; a cylinder's diameter is the first
 
 
 class StationaryIntruders(Spec):
     """Things that stand where the prior map has nothing (item 48): drawn per seed, or placed, or both."""
 
-    count: Count = 0
-    """how many to draw"""
-    size_m: Size = (0.4, 1.0)
-    """least and greatest side or diameter"""
+    count: Count = 0  # how many to draw
+    size_m: Size = (0.4, 1.0)  # least and greatest side or diameter
     shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] = ("box", "cylinder")
     height_m: Height = 0.5
     clearance_m: Clearance = 0.5
@@ -105,8 +99,7 @@ class MobileIntruders(Behaviour):
     count: Count = 0
     clearance_m: Annotated[float, Field(ge=0.15, le=10.0)] = 0.3
     """from a start to walls and stationary intruders (a Burger's body reaches 0.124 m from its axle)"""
-    spacing_m: Annotated[float, Field(ge=0.3, le=100.0)] = 0.6
-    """from one start to the next"""
+    spacing_m: Annotated[float, Field(ge=0.3, le=100.0)] = 0.6  # from one start to the next
     clear_of_robots_m: Clearance = 1.0
 
 
@@ -115,15 +108,13 @@ class OtherIntruders(Behaviour):
 
     kind: Kind
     count: Annotated[int, Field(ge=1, le=100)] = 1
-    starts_m: tuple[Point, ...] = ()
-    """where the first of them start; the others' places are drawn"""
+    starts_m: tuple[Point, ...] = ()  # where the first of them start; the others' places are drawn
     size_m: Size | None = None
     """length and width of a box, a cylinder's diameter first; 0.4 m each unless given; of no person"""
     height_m: Height = 0.5
     speed_mps: Annotated[float, Field(gt=0.0, le=2.0)] = 1.2
     """when nothing is in the way; people walk at 1.0 to 1.6 m/s"""
-    clear_of_robots_m: Clearance = 1.0
-    """from a start that is drawn to the guards'"""
+    clear_of_robots_m: Clearance = 1.0  # from a start that is drawn to the guards'
 
     @model_validator(mode="after")
     def _fitting(self) -> Self:

@@ -21,14 +21,11 @@ Cells = npt.NDArray[np.bool_]
 Rectangle = tuple[int, int, int, int]
 """first row, first column, one past the last row, one past the last column"""
 
-SPACING_M = 0.6
-"""between the starts of two guards, as in Map 1"""
+SPACING_M = 0.6  # between the starts of two guards, as in Map 1
 START_CLEARANCE_M = SPACING_M / 2.0 / math.sqrt(0.345) + ROBOT_CLEARANCE_M
 """about the centre of the ring on which a team of five starts: sin(36 deg) squared is 0.345"""
-GROUND_M = 1.0
-"""of the plane, on each side of the enclosure"""
-ROOM_SHARE = 0.05
-"""A room inside has at least this share of the floor of the largest one."""
+GROUND_M = 1.0  # of the plane, on each side of the enclosure
+ROOM_SHARE = 0.05  # A room inside has at least this share of the floor of the largest one.
 
 
 def dark_cells(pixels: npt.NDArray[np.uint8], resolution_m: float) -> OccupancyGrid:
@@ -49,10 +46,8 @@ def dark_cells(pixels: npt.NDArray[np.uint8], resolution_m: float) -> OccupancyG
 class Speck(NamedTuple):
     """A small piece of wall that touches no other: dirt, lettering, or a pillar."""
 
-    size_m: float
-    """its longest side along an axis"""
-    at: tuple[float, float]
-    """its middle, metres"""
+    size_m: float  # its longest side along an axis
+    at: tuple[float, float]  # its middle, metres
 
 
 def without_specks(dark: OccupancyGrid, most_m: float) -> OccupancyGrid:

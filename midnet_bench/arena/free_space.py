@@ -14,16 +14,14 @@ from midnet_bench.grid import OccupancyGrid, cell_centers, connected_to
 RESOLUTION_M = 0.05
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
-DOOR_M = 0.25
-"""a narrower gap, as at the round corner of a drawn wall, is no door"""
+DOOR_M = 0.25  # a narrower gap, as at the round corner of a drawn wall, is no door
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSpace:
     """Free cells inside the enclosure that can be reached from the security robots' start."""
 
-    grid: OccupancyGrid
-    """bool (rows, columns) over the plane, map frame: True where a centre may be"""
+    grid: OccupancyGrid  # bool (rows, columns) over the plane, map frame: True where a centre may be
 
     @cached_property
     def _centers(self) -> npt.NDArray[np.float64]:

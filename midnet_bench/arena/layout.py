@@ -18,8 +18,7 @@ TEAM = 5
 ROBOT_CLEARANCE_M = 0.2
 """From a security robot's start to anything that stands (a Burger's body reaches 0.124 m from its axle); one
 that reaches farther keeps its own reach."""
-OTHERS_MARGIN_M = 0.05
-"""between what a person or thing needs to pass and what stands"""
+OTHERS_MARGIN_M = 0.05  # between what a person or thing needs to pass and what stands
 _TRIES, _RESTARTS = 200, 20
 
 
@@ -28,8 +27,7 @@ class OtherIntruder:
     """One of an arena's other intruders at its start."""
 
     group: OtherIntruders
-    pose: Pose2D
-    """the middle of its floor, map frame"""
+    pose: Pose2D  # the middle of its floor, map frame
 
 
 @dataclass(frozen=True)
@@ -38,14 +36,11 @@ class Layout:
 
     arena: Arena
     seed: int
-    stationary: tuple[Solid, ...]
-    """stationary intruders"""
+    stationary: tuple[Solid, ...]  # stationary intruders
     robots: tuple[Pose2D, ...]
     """security robots' starts: base_footprint, the point under the middle of the axle"""
-    intruders: tuple[Pose2D, ...]
-    """mobile intruders' starts, likewise"""
-    others: tuple[OtherIntruder, ...] = ()
-    """people and things that move by themselves"""
+    intruders: tuple[Pose2D, ...]  # mobile intruders' starts, likewise
+    others: tuple[OtherIntruder, ...] = ()  # people and things that move by themselves
     mobile_scale: float = 1.0
     """what beams meet of a mobile intruder, as a multiple of what they meet of a security robot"""
 

@@ -12,8 +12,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 from midnet_bench.io.map_server import MOST_PIXELS, load_map
 
-_HAIR = 1e-6
-"""of a cell: less is no area"""
+_HAIR = 1e-6  # of a cell: less is no area
 
 
 def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:

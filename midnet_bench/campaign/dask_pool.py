@@ -21,10 +21,8 @@ except ImportError as error:
     raise InputError("--backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'") from error
 
 CONNECT_TIMEOUT_S = 5
-POLL_S = 0.5
-"""between two looks at the workers of the cluster"""
-TELL_AFTER_S = 2.0
-"""without any worker; one that died is started again in less"""
+POLL_S = 0.5  # between two looks at the workers of the cluster
+TELL_AFTER_S = 2.0  # without any worker; one that died is started again in less
 _LOGGERS = [logging.getLogger(name) for name in ("distributed.client", "tornado.application")]
 """what they log comes up as the error in outcomes"""
 

@@ -28,14 +28,10 @@ from midnet_bench.settings import without_effect
 
 SEVERAL = " | "
 """between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
-LONGEST_NAME = 255
-"""bytes; no file system has longer ones"""
-NOT_SET = "(not set)"
-"""what a message calls a parameter that a campaign leaves at its default"""
-MAX_CELLS = 10_000
-"""of a grid; to check one takes some milliseconds"""
-MAX_SHOWN_CHARACTERS = 60
-"""of a value in a message: an arena that was read from a file is long"""
+LONGEST_NAME = 255  # bytes; no file system has longer ones
+NOT_SET = "(not set)"  # what a message calls a parameter that a campaign leaves at its default
+MAX_CELLS = 10_000  # of a grid; to check one takes some milliseconds
+MAX_SHOWN_CHARACTERS = 60  # of a value in a message: an arena that was read from a file is long
 
 
 Values = Scalar | list[Scalar]
@@ -71,10 +67,8 @@ class Experiments(Protocol):
 class Baseline:
     """What a report of a campaign compares seed by seed."""
 
-    by: str = VARIANT
-    """a factor of the grid, or ``variant``"""
-    baseline: Scalar = None
-    """the factor's value that the others are compared with; its first unless given"""
+    by: str = VARIANT  # a factor of the grid, or ``variant``
+    baseline: Scalar = None  # the factor's value that the others are compared with; its first unless given
     measures: list[str] = field(default_factory=list)
     """the scores that are compared; the experiment's main ones unless given"""
 
@@ -82,8 +76,7 @@ class Baseline:
 class Campaign(Spec):
     """What decides every number of a campaign, as it was written. See ``campaigns/*.yaml`` for examples."""
 
-    experiment: Annotated[str, Strict()]
-    """a name, ``package.module:NAME``, or ``file.py:NAME``"""
+    experiment: Annotated[str, Strict()]  # a name, ``package.module:NAME``, or ``file.py:NAME``
     name: Annotated[str, Strict()] = Field(
         "campaign", description="the file's name unless given; names its folder"
     )
@@ -207,14 +200,10 @@ class ResolvedCampaign:
     definition: Definition
     cells: list[dict[str, Scalar]]
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
-    checked: list[Parameters]
-    """the same as instances of the experiment's class"""
-    sharing: list[Sharing]
-    """what the trials of each cell share with those of other cells"""
-    run_trials: RunTrials
-    """runs some of :meth:`trials`; other processes can import it"""
-    experiment_file: Path | None
-    """where the experiment is, if it is in a file that the campaign refers to"""
+    checked: list[Parameters]  # the same as instances of the experiment's class
+    sharing: list[Sharing]  # what the trials of each cell share with those of other cells
+    run_trials: RunTrials  # runs some of :meth:`trials`; other processes can import it
+    experiment_file: Path | None  # where the experiment is, if it is in a file that the campaign refers to
     notes: list[str]
     """which values of the grid are there twice, or give the same trials as others; a line each"""
 

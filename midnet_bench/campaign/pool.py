@@ -36,21 +36,16 @@ SIGNALS_TO_END = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 """Ctrl-C; what schedulers send; a terminal that is closed. All processes of a campaign get them."""
 HARD_LIMIT_S = 2.0
 """native code that goes on this long after the time limit is ended together with its process"""
-LOOK_S = 1.0
-"""between two looks at how long trials have been running"""
-STARTS_WITHIN_S = 1.0
-"""a worker, from its process to its first trial"""
-KILL_AGAIN_S = 0.05
-"""between two rounds of ending workers: one may be starting during the first"""
+LOOK_S = 1.0  # between two looks at how long trials have been running
+STARTS_WITHIN_S = 1.0  # a worker, from its process to its first trial
+KILL_AGAIN_S = 0.05  # between two rounds of ending workers: one may be starting during the first
 NOTHING_BEGINS_S = 120.0
 """without any running trial: the system has refused a new worker, of which joblib does not tell"""
-STALLED_S = 10.0
-"""after the moment at which a worker should have ended itself"""
+STALLED_S = 10.0  # after the moment at which a worker should have ended itself
 IDLE_S = 300.0
 """after so long without a trial a worker ends; the next campaign of this process finds it before that"""
 
-Group = Sequence[TrialSpec]
-"""trials of one seed that run together; a trial alone is one too"""
+Group = Sequence[TrialSpec]  # trials of one seed that run together; a trial alone is one too
 
 
 class WorkersLost(Exception):

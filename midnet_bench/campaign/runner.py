@@ -23,13 +23,11 @@ from midnet_bench.campaign.trial import Cell, Outcome, RunTrials, TrialSpec
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 
 BACKENDS = ("loky", "dask")
-MAX_LOSSES_IN_VAIN = 3
-"""workers that die one after another before any of them has begun a trial"""
+MAX_LOSSES_IN_VAIN = 3  # workers that die one after another before any of them has begun a trial
 RULE_OF_THUMB_BYTES = 20_000.0
 FEW_TRIALS = 10
 """for a worker, each with those that share its simulation: no more are begun by their length alone"""
-MOST_TOGETHER = 100
-"""trials of one simulation, which has all their tables in memory"""
+MOST_TOGETHER = 100  # trials of one simulation, which has all their tables in memory
 
 
 class Interrupted(MidnetBenchError):
@@ -65,8 +63,7 @@ class CampaignOutcome:
     failed: int
     unusable: dict[str, int]
     """why trials that failed could not use their input -> how many; trying again would not help them"""
-    ran: int
-    """trials that this run added"""
+    ran: int  # trials that this run added
     wall_s: float
     notes: list[str]
     """what the reader of the numbers should know, e.g. that they come from two versions of the code"""
@@ -81,12 +78,9 @@ class Plan:
     finished: int
     failed: int
     to_run: int
-    wall_s: float
-    """estimate for what is left, with all the workers busy"""
-    disk_bytes: float
-    """estimate for what is left"""
-    measured_on: int
-    """finished trials that the estimates stand on; 0: a rule of thumb"""
+    wall_s: float  # estimate for what is left, with all the workers busy
+    disk_bytes: float  # estimate for what is left
+    measured_on: int  # finished trials that the estimates stand on; 0: a rule of thumb
 
 
 def plan(

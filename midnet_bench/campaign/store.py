@@ -47,16 +47,14 @@ from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.io.files import temporary_path
 
 FILE_NAME = "campaign.sqlite"
-APPLICATION_ID = 0x4D49444E
-"""``MIDN``: SQLite's mark of the program that a file belongs to"""
+APPLICATION_ID = 0x4D49444E  # ``MIDN``: SQLite's mark of the program that a file belongs to
 FORMAT = 4
 """of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 """SQLite's; a journal that ends in it names a file that SQLite deletes when it takes the journal back"""
 ROLLBACK_HEADER = b"SQLite format 3\0", b"\1\1"
 """what a store begins with, and what stands two bytes behind; of one with a write-ahead log it is 2 and 2"""
-ROWS_AT_ONCE = 500
-"""that are read by one statement"""
+ROWS_AT_ONCE = 500  # that are read by one statement
 
 
 class StoreFull(MidnetBenchError):

@@ -17,14 +17,11 @@ from midnet_bench.campaign.trial import Row, Scalar, TrialResult
 LARGEST = 1e12
 """no count, time or length of a trial is beyond it, and a million of them can be added up and squared"""
 LONGEST_TEXT = 2000
-SHOWN = 40
-"""characters of a cell in a message"""
-MOST_CHOICES = 3
-"""of a column, that a page lists beside it"""
+SHOWN = 40  # characters of a cell in a message
+MOST_CHOICES = 3  # of a column, that a page lists beside it
 TABLE_NAME = re.compile("[a-z][a-z0-9_]{0,63}")
 """what a trial's table may be called; it becomes the name of a file"""
-TIMING, FAILURES = "timing", "failures"
-"""tables of the whole campaign, which no trial has"""
+TIMING, FAILURES = "timing", "failures"  # tables of the whole campaign, which no trial has
 UNPACKED_BYTES = 8_000_000
 UNPACKED_TIMES = 12
 """tables unpack to at most ``UNPACKED_BYTES`` and so many times their packed size; ours to 8 times"""
@@ -38,8 +35,7 @@ class Drift(NamedTuple):
     share: float = 0.0
 
 
-ANY_DRIFT = Drift(math.inf)
-"""of single events and their times, which differ between platforms"""
+ANY_DRIFT = Drift(math.inf)  # of single events and their times, which differ between platforms
 
 
 @dataclass(frozen=True)
@@ -47,23 +43,15 @@ class Column:
     """What each cell of a column holds."""
 
     kind: type[bool] | type[int] | type[float] | type[str]
-    about: str = ""
-    """what it means, for ``docs/results.md``"""
-    unit: str = ""
-    """of a number: ``m``, ``s``, ``%``; none of counts and shares"""
-    least: float = 0.0
-    """of a number; none is NaN or infinite"""
+    about: str = ""  # what it means, for ``docs/results.md``
+    unit: str = ""  # of a number: ``m``, ``s``, ``%``; none of counts and shares
+    least: float = 0.0  # of a number; none is NaN or infinite
     most: float = LARGEST
-    choices: tuple[str, ...] = ()
-    """of a text; any unless given"""
-    may_be_empty: bool = False
-    """whether it may be undefined: NaN or None, an empty cell in CSV"""
-    at_most: str | None = None
-    """a column of the same row, or a parameter of the trial, that no cell is above"""
-    longest: int = LONGEST_TEXT
-    """characters of a text"""
-    drift: Drift | None = None
-    """what ``compare --exact`` allows on another platform; nothing unless given"""
+    choices: tuple[str, ...] = ()  # of a text; any unless given
+    may_be_empty: bool = False  # whether it may be undefined: NaN or None, an empty cell in CSV
+    at_most: str | None = None  # a column of the same row, or a parameter of the trial, that no cell is above
+    longest: int = LONGEST_TEXT  # characters of a text
+    drift: Drift | None = None  # what ``compare --exact`` allows on another platform; nothing unless given
 
     @property
     def wanted(self) -> str:
@@ -108,12 +96,9 @@ class Columns:
     """A table of one trial: its columns by name."""
 
     columns: Mapping[str, Column]
-    about: str = ""
-    """what a row is, for ``docs/results.md``"""
-    one_row: bool = False
-    """whether each trial has one row; else it has at least one"""
-    optional: bool = False
-    """whether a trial may lack it"""
+    about: str = ""  # what a row is, for ``docs/results.md``
+    one_row: bool = False  # whether each trial has one row; else it has at least one
+    optional: bool = False  # whether a trial may lack it
 
 
 Tables = Mapping[str, Columns]

@@ -23,10 +23,8 @@ def factor_text(name: str, value: object) -> str:
 class Cell:
     """What the trials of one cell have in common. Their ids are quick to find from here."""
 
-    experiment: str
-    """its name"""
-    parameters: Mapping[str, Scalar]
-    """every parameter of the experiment, resolved (defaults filled in)"""
+    experiment: str  # its name
+    parameters: Mapping[str, Scalar]  # every parameter of the experiment, resolved (defaults filled in)
 
     @cached_property
     def _canonical(self) -> str:
@@ -53,8 +51,7 @@ class Cell:
 class TrialSpec:
     """Everything that decides a trial's outcome. Two equal specs give the same bytes anywhere."""
 
-    experiment: str
-    """its name"""
+    experiment: str  # its name
     parameters: Mapping[str, Scalar]
     """every parameter of the experiment, resolved (defaults filled in), and the name of the variant if any"""
     seed: int
@@ -110,7 +107,6 @@ def run_alone(run_trials: RunTrials, spec: TrialSpec) -> TrialResult:
 class Sharing(NamedTuple):
     """What tells which trials of one seed have work in common."""
 
-    simulation_key: Hashable
-    """trials that agree in it share one simulation"""
+    simulation_key: Hashable  # trials that agree in it share one simulation
     result_key: Hashable
     """trials that agree in it give the same numbers; they agree in ``simulation_key`` too"""

@@ -23,8 +23,7 @@ from midnet_bench.plugins import VALUE, several
 MOST_BYTES = 50_000_000
 _CODE = re.compile(r"(?P<place>.+\.py(?=:)|[\w.]+(?=:\s*[^\W\d]\w*\s*$)).*", re.DOTALL)
 """a reference to code: anything of a file, and a name of a module"""
-all_code = False
-"""whether code runs that is not known; ``--trust`` sets it for one command"""
+all_code = False  # whether code runs that is not known; ``--trust`` sets it for one command
 
 
 def remember(store: Path, definition: Definition) -> None:

@@ -37,8 +37,7 @@ PLAIN = {
     r"Input should be a valid number, unable to parse string as a number": "a number is needed",
 }
 """what the parser of the command line says -> what a user reads"""
-NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
-"""error numbers of a path that cannot be looked up"""
+NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)  # error numbers of a path that cannot be looked up
 
 
 @functools.cache

@@ -14,8 +14,7 @@ from midnet_bench.errors import InputError
 
 arena = add_group("arena", "Show, make and check arenas: floor plans with start poses.")
 
-MOST_AREAS = 5
-"""that a line lists"""
+MOST_AREAS = 5  # that a line lists
 Output = Annotated[
     Path | None, options.option("FILE", "The arena's file (default: print it).", "-o", "--output")
 ]

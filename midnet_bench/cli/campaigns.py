@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
 EXECUTION = ("jobs", "backend", "scheduler", "fresh", "retry_failed")
 """options of how a campaign is run, none of which changes a number"""
-MAX_REASONS = 5
-"""different reasons that are listed when trials fail; failures.csv has them all"""
+MAX_REASONS = 5  # different reasons that are listed when trials fail; failures.csv has them all
 
 
 @command(example="midnet-bench detection --seeds 20 -o results/twenty")

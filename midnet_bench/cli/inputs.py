@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from midnet_bench.settings import Leaf
 
 
-BROKEN = 1
-"""exit code where something is wrong"""
+BROKEN = 1  # exit code where something is wrong
 LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
 
 

@@ -20,12 +20,9 @@ from midnet_bench.errors import InputError, MidnetBenchError
 
 log = logging.getLogger("midnet_bench")
 
-FEW_LOOPS = 3
-"""compiled without a word: they take a second"""
-LONGEST = 300
-"""letters of a line that says what is wrong"""
-READER_GONE = 141
-"""exit code of a program whose reader has closed the pipe, as a shell reports it"""
+FEW_LOOPS = 3  # compiled without a word: they take a second
+LONGEST = 300  # letters of a line that says what is wrong
+READER_GONE = 141  # exit code of a program whose reader has closed the pipe, as a shell reports it
 CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 

@@ -24,10 +24,8 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Values
     from midnet_bench.campaign.trial import Scalar
 
-RESULTS = Path("results")
-"""Where results go unless ``-o`` says otherwise."""
-PARAMETER = "="
-"""Help of an option whose sentence, range and default are those of the parameter of its name."""
+RESULTS = Path("results")  # Where results go unless ``-o`` says otherwise.
+PARAMETER = "="  # Help of an option whose sentence, range and default are those of the parameter of its name.
 NUMBERS = ("robots", "intruders", "frames")
 KEY_OF = {"robot_model": "robot", "metric": "metrics"}
 """option -> its parameter, where that is called otherwise"""

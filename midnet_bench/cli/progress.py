@@ -16,8 +16,7 @@ from midnet_bench.campaign.trial import Outcome
 from midnet_bench.cli import messages
 
 SECONDS_BETWEEN_LINES = 10.0
-S_PER_LOOP = 0.6
-"""CPU seconds that numba needs for one of our loops in the mean"""
+S_PER_LOOP = 0.6  # CPU seconds that numba needs for one of our loops in the mean
 
 
 class Meter:

@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
 
 MOST_COLUMNS = 7
-PIPE_WIDTH = 80
-"""where standard output is no terminal"""
-READABLE = 20
-"""characters: a column of sentences is not made narrower, if it can be helped"""
+PIPE_WIDTH = 80  # where standard output is no terminal
+READABLE = 20  # characters: a column of sentences is not made narrower, if it can be helped
 GAP = "  "
 _NUMBER = re.compile(r"[-+±.,\d\s\[\]]*|n/a")
 _INTERVAL = re.compile(r" (?=\[)")
@@ -28,8 +26,7 @@ _INTERVAL = re.compile(r" (?=\[)")
 class _Column(NamedTuple):
     header: str
     cells: list[str]
-    is_text: bool
-    """whether it may take several lines"""
+    is_text: bool  # whether it may take several lines
 
     def pieces(self, cell: str, splits: bool) -> list[str]:
         """Where a cell may be broken: a text between words; if ``splits``, a number before its interval."""

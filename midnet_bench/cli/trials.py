@@ -10,8 +10,7 @@ from midnet_bench.cli import completion, options
 from midnet_bench.cli.app import command
 from midnet_bench.errors import InputError
 
-SEED, ROBOTS = 1, 5
-"""of a trial that is no campaign's, unless the user says otherwise"""
+SEED, ROBOTS = 1, 5  # of a trial that is no campaign's, unless the user says otherwise
 
 
 @command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")

@@ -234,8 +234,7 @@ class Sight(NamedTuple):
 
     settings: DetectorSettings
     prior_map: OccupancyGrid
-    fed: Hashable
-    """nodes see the same if this, ``prior_map`` and their local costmaps' settings are the same"""
+    fed: Hashable  # nodes see the same if this, ``prior_map`` and their local costmaps' settings are the same
 
 
 def detector_nodes(sights: Sequence[Sight], robots: int) -> list[DetectorNode]:

@@ -9,20 +9,14 @@ import numpy.typing as npt
 from midnet_bench.geometry import Scan
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, values_at
 
-MARGIN_M = 0.08
-"""about a wall whose returns lie on it: a cell and a half of 5 cm"""
+MARGIN_M = 0.08  # about a wall whose returns lie on it: a cell and a half of 5 cm
 PER_MEDIAN = 1.5
 """added to the margin for each metre by which half of the wall returns about are off their walls"""
-ABOUT_RAD = math.radians(45.0)
-"""to either side, the angle of so many beams in a row: the wall returns about"""
-SAMPLES = 45
-"""of them to either side, evenly taken, at most"""
-WALL_M = 0.4
-"""a return farther from any wall is no wall's"""
-DEPTH_M = 0.15
-"""beyond the margin, from which on a return says no more"""
-WIDTH_M = 0.03
-"""from which on the distance to the next beam says no more: far beams are few, not sure"""
+ABOUT_RAD = math.radians(45.0)  # to either side, the angle of so many beams in a row: the wall returns about
+SAMPLES = 45  # of them to either side, evenly taken, at most
+WALL_M = 0.4  # a return farther from any wall is no wall's
+DEPTH_M = 0.15  # beyond the margin, from which on a return says no more
+WIDTH_M = 0.03  # from which on the distance to the next beam says no more: far beams are few, not sure
 STEPS = 1024
 """shares are rounded down to whole parts of so many, so that any order of adding them gives the same"""
 

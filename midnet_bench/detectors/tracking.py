@@ -30,8 +30,7 @@ BOX_SIGMA_M = 0.1
 """Standard deviation of a box's centre along an axis; five guards' boxes are 0.098 m off in the mean (seeds
 2001 to 2003, 500 frames each)."""
 BOX_VARIANCE_M2 = BOX_SIGMA_M * BOX_SIGMA_M
-SPEED_SIGMA_MPS = 0.15
-"""of a new track's speed along an axis: a Burger drives at 0.22 m/s at most"""
+SPEED_SIGMA_MPS = 0.15  # of a new track's speed along an axis: a Burger drives at 0.22 m/s at most
 DRIFT_M2PS3 = 0.02
 """Spectral density of the acceleration: within 3 s a velocity may change by a Burger's top speed."""
 GATE = 9.21
@@ -135,24 +134,19 @@ class Event(NamedTuple):
 
     first_s: float
     last_s: float
-    frames: int
-    """with a box of it"""
-    share: float
-    """of the frames from the first to the last: how sure it is"""
+    frames: int  # with a box of it
+    share: float  # of the frames from the first to the last: how sure it is
     x_first_m: float
     y_first_m: float
     x_last_m: float
     y_last_m: float
-    speed_mps: float
-    """from second to second, on the average"""
-    is_true: bool
-    """whether a box of it is an intruder's, where that is known"""
+    speed_mps: float  # from second to second, on the average
+    is_true: bool  # whether a box of it is an intruder's, where that is known
 
 
 @dataclass
 class _Seen:
-    frame: int
-    """number of the first one"""
+    frame: int  # number of the first one
     places: list[tuple[float, Point]] = field(default_factory=list)
     """(time in s, centre in metres) of each frame with a box of it"""
     last_frame: int = 0

@@ -26,20 +26,16 @@ from midnet_bench.drawing.scene import Floats
 from midnet_bench.errors import InputError
 
 DPI, FONT_PT = 200, 9
-DODGE = 0.08
-"""between neighbouring series, as a share of the gap between places along x"""
-LABELLED = 12
-"""so many entrances at most have their share beside them"""
+DODGE = 0.08  # between neighbouring series, as a share of the gap between places along x
+LABELLED = 12  # so many entrances at most have their share beside them
 METADATA: Mapping[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None},
     "pdf": {"CreationDate": None},
 }
 """format of a figure -> what is left out of its file, or its bytes would differ"""
-FORMATS = ("png", "svg")
-"""written unless other formats are given"""
-LONGEST = 44
-"""characters of an explanation that fits an axis"""
+FORMATS = ("png", "svg")  # written unless other formats are given
+LONGEST = 44  # characters of an explanation that fits an axis
 AXIS_LABELS = {
     "f1": "F1",
     "f1_one_to_one": "F1, one-to-one",
@@ -126,17 +122,14 @@ def add_estimates(
 class Panel(NamedTuple):
     """A panel of :func:`panel_figure`."""
 
-    y: str
-    """label of its axis"""
+    y: str  # label of its axis
     series: Mapping[str, Mapping[Any, Estimate]]
     """label -> place along x, a number or a text -> what is drawn there"""
     title: str = ""
-    limits: tuple[float | None, float | None] = (None, None)
-    """of the y axis; None where the data decide"""
+    limits: tuple[float | None, float | None] = (None, None)  # of the y axis; None where the data decide
     trials: Mapping[str, Mapping[Any, Sequence[float]]] = {}
     """label -> place along x -> single values, a dot each"""
-    levels: Sequence[tuple[float, str]] = ()
-    """(value, colour) of lines across the panel"""
+    levels: Sequence[tuple[float, str]] = ()  # (value, colour) of lines across the panel
 
 
 @own_style()

@@ -32,16 +32,13 @@ WIDTH, HEIGHT = 1280, 720
 COLUMN_LEFT, COLUMN_RIGHT = 744, 1264
 MAP_LEFT, MAP_TOP, MAP_PX = 786, 84, 436
 COUNTS_TOP, LEGEND_TOP, LEGEND_ROW_PX = 529, 566, 20
-HOLD_S = 2.0
-"""for so long a film shows its last picture, which has the outcome"""
+HOLD_S = 2.0  # for so long a film shows its last picture, which has the outcome
 SCENES, COLUMNS = 6, 3
 TILE_PX, GAP_PX, LINE_PX, TIME_PX = 400, 14, 23, 84
 """of a storyboard; the last: room for the time before a scene's counter"""
-TEXT_PX, LABEL_PX = 18, 16
-"""large enough for a page that is printed half as wide as paper"""
+TEXT_PX, LABEL_PX = 18, 16  # large enough for a page that is printed half as wide as paper
 
-Append = Callable[[Picture], None]
-"""Takes the next picture of a film, (height, width, 3) red, green, blue."""
+Append = Callable[[Picture], None]  # Takes the next picture of a film, (height, width, 3) red, green, blue.
 
 
 @contextmanager

@@ -51,22 +51,17 @@ MAP_TOP, SECOND_LINE, LEGEND_LEFT = 80, 46, 330
 class MapSnapshot:
     """A map and the robots that make it at one instant, map frame, metres."""
 
-    clock: float
-    """when: simulated seconds of an exploration, or how many scans of a log are done"""
+    clock: float  # when: simulated seconds of an exploration, or how many scans of a log are done
     known: float
     """how much the map knows: of an exploration, the share of the reachable free cells; of a log, m2"""
-    grid: OccupancyGrid
-    """the map, int8"""
-    poses: Floats
-    """(n, 3) true poses; (0, 3) where they are not known"""
-    believed: Floats
-    """(n, 3) poses by the robots' own localization"""
+    grid: OccupancyGrid  # the map, int8
+    poses: Floats  # (n, 3) true poses; (0, 3) where they are not known
+    believed: Floats  # (n, 3) poses by the robots' own localization
     goals: list[Point | None]
     paths: list[Floats]
     """of each robot, (k, 2): the positions that it believes to have driven through; empty: those of all
     snapshots so far"""
-    model: RobotModel = BURGER
-    """what the robots are"""
+    model: RobotModel = BURGER  # what the robots are
 
 
 class MapHistory:

@@ -35,8 +35,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 
-Picture = npt.NDArray[np.uint8]
-"""(height, width, 3) red, green, blue"""
+Picture = npt.NDArray[np.uint8]  # (height, width, 3) red, green, blue
 Mark = Callable[["Canvas"], object]
 """draws what a legend explains on a canvas of one pixel a metre, about its origin"""
 Entry = tuple[Mark, str]
@@ -46,14 +45,11 @@ SIGN_PX, BADGE_PX = 10.0, 6.5
 """least half side of a sign about an intruder; radius of the disc with the exclamation mark"""
 SCALES_M, LEAST_SCALE_PX = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0), 40.0
 """lengths of the bar that shows the scale; no shorter than that, if one is long enough"""
-MIN_BURGER_PX = 14.0
-"""robots in a large arena are drawn larger than they are, so that they stay visible"""
-MARGIN_M = 0.25
-"""around an arena"""
+MIN_BURGER_PX = 14.0  # robots in a large arena are drawn larger than they are, so that they stay visible
+MARGIN_M = 0.25  # around an arena
 LEG_PX, AT_GOAL_PX = 8.0, 24.0
 """kept free of labels about a leg; a robot nearer to its goal has one number for both"""
-ARM, DASHES = 0.45, 10
-"""length of a sign's corner as a part of half its side; dashes of the ring"""
+ARM, DASHES = 0.45, 10  # length of a sign's corner as a part of half its side; dashes of the ring
 CORNERS: tuple[Floats, ...] = tuple(
     np.array([(x * (1.0 - ARM), y), (x, y), (x, y * (1.0 - ARM))])
     for x, y in ((-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
@@ -77,8 +73,7 @@ SHADES: tuple[RGB, ...] = (
 )
 FREE, UNKNOWN, INFLATED, WALL, COMMON, FOREGROUND = range(len(SHADES))
 """what a cell is: of the prior map, or in grid C of some guard, or in grid D of one"""
-_SHIFT = 4
-"""OpenCV takes coordinates in sixteenths of a pixel, which keeps slow motion smooth"""
+_SHIFT = 4  # OpenCV takes coordinates in sixteenths of a pixel, which keeps slow motion smooth
 
 
 class Canvas:
@@ -525,8 +520,7 @@ def _paint_results(canvas: Canvas, scene: Scene, labels: Labels, enlarged: float
             labels.keep_free((corners.x_min, corners.y_max), BADGE_PX)
 
 
-MARK_PX = 7.0
-"""half a side of a legend's mark"""
+MARK_PX = 7.0  # half a side of a legend's mark
 SQUARE, SWATCH = Box.square(0.0, 0.0, 2.0 * MARK_PX), Box(-8.0, -6.0, 8.0, 6.0)
 
 

@@ -34,18 +34,13 @@ def body_at(pose: Pose2D, enlarged: float = 1.0, model: RobotModel = BURGER) -> 
 class FloorPlan:
     """What never moves in an arena."""
 
-    title: str
-    """which trial it is, in a line"""
-    enclosure: Box
-    """the walled region, from wall centre to wall centre"""
-    walls: list[Floats]
-    """the outline of each wall, (n, 2)"""
-    stationary: list[Floats]
-    """the outline of each stationary intruder, (n, 2)"""
+    title: str  # which trial it is, in a line
+    enclosure: Box  # the walled region, from wall centre to wall centre
+    walls: list[Floats]  # the outline of each wall, (n, 2)
+    stationary: list[Floats]  # the outline of each stationary intruder, (n, 2)
     ground: OccupancyGrid | None = None
     """int8 map whose free cells are floor, of a place known by its map alone; else all of ``enclosure``"""
-    shown: Box | None = None
-    """what pictures show; unless given, all of the place"""
+    shown: Box | None = None  # what pictures show; unless given, all of the place
 
     @classmethod
     def of(cls, arena: Arena, layout: Layout, seed: int) -> "FloorPlan":
@@ -74,23 +69,15 @@ class Setup:
     """What stays the same during a guarded trial."""
 
     plan: FloorPlan
-    prior_map: OccupancyGrid
-    """int8: 100 occupied, 0 free, -1 unknown; before inflation"""
-    prior: OccupancyGrid
-    """the binary grid that MIDNet subtracts, uint8: 0 occupied, 255 free"""
+    prior_map: OccupancyGrid  # int8: 100 occupied, 0 free, -1 unknown; before inflation
+    prior: OccupancyGrid  # the binary grid that MIDNet subtracts, uint8: 0 occupied, 255 free
     guards: int
-    mobile_intruders: int
-    """when the trial begins"""
-    usable_range_m: float
-    """of a guard's LiDAR"""
-    local_size_m: float
-    """side of a guard's local costmap"""
-    frame_hz: float
-    """MIDNet frames per simulated second"""
-    other_intruders: int = 0
-    """people and things that move"""
-    shows_scans: bool = False
-    """whether pictures show the returns of the guards' LiDARs"""
+    mobile_intruders: int  # when the trial begins
+    usable_range_m: float  # of a guard's LiDAR
+    local_size_m: float  # side of a guard's local costmap
+    frame_hz: float  # MIDNet frames per simulated second
+    other_intruders: int = 0  # people and things that move
+    shows_scans: bool = False  # whether pictures show the returns of the guards' LiDARs
 
     def window(self, guard: "Robot") -> Box:
         """A guard's local costmap: a square about its believed position."""
@@ -101,16 +88,12 @@ class Setup:
 class Robot:
     """A robot that is in the arena."""
 
-    number: int
-    """counted from 1, guards and intruders apart"""
+    number: int  # counted from 1, guards and intruders apart
     is_guard: bool
-    pose: Pose2D
-    """true pose"""
-    believed: Pose2D
-    """pose by its own localization"""
+    pose: Pose2D  # true pose
+    believed: Pose2D  # pose by its own localization
     goal: Point | None
-    plan: Floats | None
-    """(n, 2) its path to the goal"""
+    plan: Floats | None  # (n, 2) its path to the goal
     model: RobotModel = BURGER
 
     @property
@@ -129,24 +112,18 @@ class Detection:
     """One fused detection."""
 
     box: Box
-    guard: int
-    """number of the guard whose box it is, from 1"""
-    is_false: bool
-    """whether it touches no intruder"""
-    is_further: bool = False
-    """whether each intruder that it touches has another one as its own"""
+    guard: int  # number of the guard whose box it is, from 1
+    is_false: bool  # whether it touches no intruder
+    is_further: bool = False  # whether each intruder that it touches has another one as its own
 
 
 @dataclass(frozen=True)
 class Truth:
     """One intruder that is there, stationary or mobile."""
 
-    outlines: Sequence[Floats]
-    """(n, 2) each: its body from above, of a person both legs"""
-    is_found: bool
-    """whether a detection touches it"""
-    in_range: bool
-    """whether not finding it is an error, by the trial's own rule"""
+    outlines: Sequence[Floats]  # (n, 2) each: its body from above, of a person both legs
+    is_found: bool  # whether a detection touches it
+    in_range: bool  # whether not finding it is an error, by the trial's own rule
 
     @property
     def is_missed(self) -> bool:
@@ -163,12 +140,10 @@ class Truth:
 class Chase:
     """How far the guards are in a trial that is about catching."""
 
-    intruders: int
-    """when it began"""
+    intruders: int  # when it began
     caught: int
     escaped: int
-    events: Sequence[str] = ()
-    """catches and escapes so far, a line each, in order of time"""
+    events: Sequence[str] = ()  # catches and escapes so far, a line each, in order of time
 
 
 @dataclass(frozen=True)
@@ -176,25 +151,20 @@ class Scene:
     """A trial at one instant. Intruders that were caught or have escaped are not in it."""
 
     time_s: float
-    frame: int
-    """number of the MIDNet frame, from 1"""
-    robots: list[Robot]
-    """guards first"""
+    frame: int  # number of the MIDNet frame, from 1
+    robots: list[Robot]  # guards first
     detections: list[Detection]
-    truths: list[Truth]
-    """all intruders that the trial looks for, the stationary ones first"""
+    truths: list[Truth]  # all intruders that the trial looks for, the stationary ones first
     explanation: "Explanation | None" = None
     """each guard's grids and boxes; without them, pictures show the detections alone"""
     others: Sequence[Sequence[Floats]] = ()
     """for each person or thing that intrudes, the outlines, (n, 2), of its legs or of itself"""
-    chase: Chase | None = None
-    """in a trial that is about catching"""
+    chase: Chase | None = None  # in a trial that is about catching
     so_far: Ratios | None = None
     """precision and recall of all frames up to this one, in a trial that is about finding"""
     scans: Sequence[Floats] = ()
     """(n, 2) of each guard: the returns of its last scan, placed by its believed pose"""
-    is_labelled: bool = True
-    """whether it is known where intruders are"""
+    is_labelled: bool = True  # whether it is known where intruders are
 
     @property
     def counter(self) -> str:
@@ -230,7 +200,5 @@ class Demo:
     """A trial that can be drawn frame by frame: what an experiment gives to ``midnet-bench render``."""
 
     setup: Setup
-    max_frames: int
-    """the trial has no more; it may end earlier"""
-    scenes: Iterator[Scene]
-    """one per MIDNet frame; each is simulated when it is drawn"""
+    max_frames: int  # the trial has no more; it may end earlier
+    scenes: Iterator[Scene]  # one per MIDNet frame; each is simulated when it is drawn

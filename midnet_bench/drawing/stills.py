@@ -66,8 +66,7 @@ COLUMNS = (
 )
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 Item = TypeVar("Item")
-Span = tuple[int, int]
-"""the first and the last guard of a part of the team, from 0"""
+Span = tuple[int, int]  # the first and the last guard of a part of the team, from 0
 
 
 def draw_arena(setup: Setup, scene: Scene, faults: Mapping[int, Point] | None = None) -> Picture:
@@ -171,12 +170,9 @@ def draw_views(seen: Observation, explanation: Explanation, guard: int) -> Pictu
 class Tree(NamedTuple):
     """Algorithm 3 over a team's boxes."""
 
-    boxes: list[Box]
-    """without those of allies, guard after guard"""
-    names: list[str]
-    """of each box, such as 2b: the second box of guard 2"""
-    nodes: Mapping[Span, Call]
-    """halves before what they are halves of"""
+    boxes: list[Box]  # without those of allies, guard after guard
+    names: list[str]  # of each box, such as 2b: the second box of guard 2
+    nodes: Mapping[Span, Call]  # halves before what they are halves of
 
     @property
     def levels(self) -> dict[Span, int]:

@@ -17,18 +17,15 @@ from midnet_bench.experiments import registry
 from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.settings import Scalar
 
-LOOPS = 70
-"""how many a first detection trial with ``bullet`` compiles; with ``fast`` half as many again"""
+LOOPS = 70  # how many a first detection trial with ``bullet`` compiles; with ``fast`` half as many again
 SHORT: dict[str, dict[str, Scalar]] = {
     "detection": {"frames": 10},
     "labyrinth": {"time_limit_s": 2.0},
     "mapping": {"time_limit_s": 5.0},
 }
 """experiment -> what makes a trial short; it still goes through all that a long one compiles"""
-DECIDING = ("engine", "localization", "odometry")
-"""parameters that decide which loops a trial needs"""
-Show = Callable[[int, int], None]
-"""is shown how many loops are compiled, of about how many"""
+DECIDING = ("engine", "localization", "odometry")  # parameters that decide which loops a trial needs
+Show = Callable[[int, int], None]  # is shown how many loops are compiled, of about how many
 
 
 def refuse_missing_engine(campaign: ResolvedCampaign) -> None:

@@ -7,8 +7,7 @@ the bounds of ``compare --exact`` are made of them. No factor of a grid may have
 from midnet_bench.campaign.tables import ANY_DRIFT, LARGEST, Column, Columns, Drift, Tables
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
-LONGEST_RECORD = 20_000
-"""characters of what is kept of one frame in one column"""
+LONGEST_RECORD = 20_000  # characters of what is kept of one frame in one column
 FEW, LENGTH, FIFTH, TENTH, ONE = Drift(20.0, 0.5), Drift(0.0, 0.3), Drift(0.0, 0.2), Drift(0.1), Drift(1.0)
 """physics in floating point parts ways between processors, and after a minute robots are elsewhere"""
 

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from midnet_bench.io.parameters import Parameters
     from midnet_bench.page.recording import Recording
 
-WANTED_LOW = ("_s", "_m", "_switches", "never_detected")
-"""how names of metrics end of which less is better"""
+WANTED_LOW = ("_s", "_m", "_switches", "never_detected")  # how names of metrics end of which less is better
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,9 @@ class Headline:
     """What a terminal and a page show of a campaign's results first."""
 
     tables: "Sequence[Table]"
-    conclusion: Sequence[str]
-    """the result in sentences, made from the numbers"""
-    notes: Sequence[str]
-    """how the numbers in ``tables`` are to be read, for a terminal"""
-    following: str
-    """the command to type next"""
+    conclusion: Sequence[str]  # the result in sentences, made from the numbers
+    notes: Sequence[str]  # how the numbers in ``tables`` are to be read, for a terminal
+    following: str  # the command to type next
 
 
 def _nothing(results: object) -> "Sequence[Any]":
@@ -59,8 +55,7 @@ class Experiment:
     """
 
     name: str
-    summary: str
-    """one sentence for the help"""
+    summary: str  # one sentence for the help
     parameters: "type[Parameters] | str"
     """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
@@ -76,15 +71,13 @@ class Experiment:
     """the tables that ``run`` gives and what their columns hold; nothing is checked unless given"""
     tables: "Callable[[Results], Sequence[Table]]" = _nothing
     """what ``report`` writes, prints (unless ``printed`` says otherwise) and gives as JSON"""
-    printed: tuple[str, ...] = ()
-    """names of the main tables; all unless given"""
+    printed: tuple[str, ...] = ()  # names of the main tables; all unless given
     headline: "Callable[[Results, Results | None], Headline] | None" = None
     """(results with a finished trial, those of the packaged reference if there is one) -> what a terminal
     shows instead of ``printed``, which ``--wide`` shows; ``report.html`` begins with its conclusion"""
     figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
     """stem of its files -> a matplotlib figure"""
-    sweeps_beside: bool = False
-    """whether scores over numeric factors are drawn beside ``figures``"""
+    sweeps_beside: bool = False  # whether scores over numeric factors are drawn beside ``figures``
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], DataFrame] | None" = None
@@ -95,10 +88,8 @@ class Experiment:
     are none without a table ``recorded``"""
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """main score -> the least and the greatest value that it can have, where no column is called so"""
-    lower_is_better: tuple[str, ...] = ()
-    """those of the main scores that are the better the lower they are"""
-    ranked_by: tuple[str, ...] = ()
-    """those of them that ``leaderboard`` ranks by"""
+    lower_is_better: tuple[str, ...] = ()  # those of the main scores that are the better the lower they are
+    ranked_by: tuple[str, ...] = ()  # those of them that ``leaderboard`` ranks by
     comparison_tables: "Callable[[Mapping[str, Results]], Sequence[Table]]" = _nothing
     """tables of several campaigns side by side, by the campaigns' names"""
     comparison_figures: "Callable[[Mapping[str, Results]], Mapping[str, Figure]]" = _no_figures

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.trial import TrialResult, TrialSpec
     from midnet_bench.io.parameters import Parameters
 
-ENTRY_POINTS = "midnet_bench.experiments"
-"""the group under which an installed package offers experiments"""
+ENTRY_POINTS = "midnet_bench.experiments"  # the group under which an installed package offers experiments
 
 _OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING)}
 _GONE = {

@@ -40,12 +40,9 @@ def _mentions(annotation: Any, kind: type) -> bool:
 SpecT = TypeVar("SpecT", bound=BaseModel)
 
 
-LARGEST_BYTES = 4_000_000
-"""of a YAML file"""
-MOST_VALUES = 200_000
-"""in a YAML text, where a reference (``*name``) counts as all that it stands for"""
-MAX_DEPTH = 100
-"""lists and mappings inside each other that a YAML text may have"""
+LARGEST_BYTES = 4_000_000  # of a YAML file
+MOST_VALUES = 200_000  # in a YAML text, where a reference (``*name``) counts as all that it stands for
+MAX_DEPTH = 100  # lists and mappings inside each other that a YAML text may have
 
 
 class _Loader(yaml.SafeLoader):

@@ -30,8 +30,7 @@ DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 DRAFT_KEPT_S = 3600.0
 """after so long without a change a draft is of a process that was killed, also where files have no locks"""
-LOCKED_WITHIN_S = 1.0
-"""a draft, after it is made"""
+LOCKED_WITHIN_S = 1.0  # a draft, after it is made
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:

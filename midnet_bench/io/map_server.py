@@ -25,8 +25,7 @@ from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.io.files import read_bounded, write_atomically
 
-LARGEST_BYTES = 200_000_000
-"""of an image's file"""
+LARGEST_BYTES = 200_000_000  # of an image's file
 MOST_PIXELS = 25_000_000
 """250 by 250 m at 5 cm; a larger one would take more than a gigabyte on its way to a grid"""
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -123,12 +122,10 @@ class MapFile(Spec):
     model_config = ConfigDict(extra="ignore")
 
     image: Path
-    resolution: float = Field(gt=0.0)
-    """metres per pixel"""
+    resolution: float = Field(gt=0.0)  # metres per pixel
     origin: tuple[float, float, float]
     """(x, y), metres, of the lower left corner of the lower left pixel, and its yaw there, radians"""
-    negate: Annotated[int, Field(ge=0, le=1)] | bool
-    """nav2's map_server takes true and false here"""
+    negate: Annotated[int, Field(ge=0, le=1)] | bool  # nav2's map_server takes true and false here
     occupied_thresh: float = Field(gt=0.0, le=1.0)
     free_thresh: float = Field(ge=0.0)
     mode: Mode = "trinary"

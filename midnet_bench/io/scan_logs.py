@@ -17,8 +17,7 @@ from midnet_bench.io.files import read_bounded
 
 Floats = npt.NDArray[np.float64]
 
-SICK_RANGE_MAX_M = 81.8
-"""a SICK LMS reports 81.83 m or a little more where nothing comes back"""
+SICK_RANGE_MAX_M = 81.8  # a SICK LMS reports 81.83 m or a little more where nothing comes back
 LARGEST_MAP_M = 1000.0
 """How far a log's odometry may come from its origin, along x and y, and how far a reading may reach. A map of
 a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
@@ -28,8 +27,7 @@ LARGEST_HEADING_RAD = 1e5
 """Odometry need not wrap its heading, but a robot that turns by 1 rad/s takes a day to come here."""
 FULL_CIRCLE_RAD = 2.0 * math.pi * 1.01
 """what a scanner's beams may go round; a hundredth is the rounding of a step that few digits tell"""
-LONGEST_MOUNT_M = 5.0
-"""how far a laser may sit from its robot's base"""
+LONGEST_MOUNT_M = 5.0  # how far a laser may sit from its robot's base
 
 LARGEST_BYTES = 200_000_000
 """of a log's text; five hours of a Burger's scans have as much: 360 readings, five times a second"""
@@ -87,10 +85,8 @@ class LoggedScan(NamedTuple):
     """One scan of a log."""
 
     stamp_s: float
-    odometry: Pose2D
-    """where the odometry put the robot's base"""
-    ranges_m: Floats
-    """(beams,) metres"""
+    odometry: Pose2D  # where the odometry put the robot's base
+    ranges_m: Floats  # (beams,) metres
     corrected: Pose2D | None = None
     """where the log puts the laser, if it says so: by odometry in a raw log, by SLAM in a corrected one"""
 
@@ -196,10 +192,8 @@ class _Line(NamedTuple):
 
     where: str
     scan: LoggedScan
-    scanner: LidarGeometry
-    """on the robot's base"""
-    laser: Pose2D | None = None
-    """on the robot, by the line's two poses"""
+    scanner: LidarGeometry  # on the robot's base
+    laser: Pose2D | None = None  # on the robot, by the line's two poses
 
 
 def parse_log(path: Path, lines: list[str]) -> ScanLog:

@@ -20,10 +20,8 @@ _STAMP_DIGITS = 6
 class Trajectory:
     """K stamped poses in the map frame, in driving order."""
 
-    stamps_s: npt.NDArray[np.float64]
-    """(K,) seconds"""
-    poses: npt.NDArray[np.float64]
-    """(K, 3) x, y (metres) and yaw (radians)"""
+    stamps_s: npt.NDArray[np.float64]  # (K,) seconds
+    poses: npt.NDArray[np.float64]  # (K, 3) x, y (metres) and yaw (radians)
 
     def __len__(self) -> int:
         """Number of poses."""

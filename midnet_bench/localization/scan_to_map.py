@@ -16,14 +16,11 @@ from midnet_bench.grid import OccupancyGrid
 FloatArray = npt.NDArray[np.float64]
 
 
-MIN_BEAMS = 30
-"""A fit to fewer beams that end on walls is not believed."""
+MIN_BEAMS = 30  # A fit to fewer beams that end on walls is not believed.
 MIN_SHARE, MIN_SHARE_RECORDED = 0.5, 0.3
 """Nor one to a smaller share of the returns; maps of recordings lack more of what stands in a building."""
-CORRELATED_BEAMS = 10.0
-"""So many beams of a wall count as one."""
-UNSEEN_DEVIATION = 1.0
-"""Standard deviation, metres and radians, of what no beam constrains."""
+CORRELATED_BEAMS = 10.0  # So many beams of a wall count as one.
+UNSEEN_DEVIATION = 1.0  # Standard deviation, metres and radians, of what no beam constrains.
 WIDE_M, NARROW_M = 0.15, 0.04
 """Distance to a wall at which a beam counts a quarter: at first, and, after halvings, in the end.
 
@@ -32,8 +29,7 @@ It does not end below one cell: a wall is not known better than that.
 GATE = 3.0
 """A beam that ends this many such distances from any wall has met something that the map does not have."""
 MAX_ROUNDS = 20
-SETTLED_STEP = 1e-4
-"""metres and radians: a shorter last step ends the search"""
+SETTLED_STEP = 1e-4  # metres and radians: a shorter last step ends the search
 MIN_INFORMATION = 0.05
 """A direction that no larger share of the beams on walls constrains counts as unseen.
 
@@ -46,10 +42,8 @@ class NormalEquations(NamedTuple):
 
     hessian: FloatArray
     gradient: FloatArray
-    beams: int
-    """that end within the gate"""
-    variance_m2: float
-    """weighted mean of their squared distances"""
+    beams: int  # that end within the gate
+    variance_m2: float  # weighted mean of their squared distances
 
 
 class ScanToMap:

@@ -24,8 +24,7 @@ MIN_VARIANCE = 1e-9
 WIDE_YAW_RAD = 0.5
 """how far from the mean the headings of sigma points may lie; their mean way is 2 % too short there"""
 
-_POSE, _YAW = 0, 2
-"""index of the first state that is measured: by a pose; by odometry and IMU"""
+_POSE, _YAW = 0, 2  # index of the first state that is measured: by a pose; by odometry and IMU
 
 
 class PlanarUkf:

@@ -19,18 +19,13 @@ Floats = npt.NDArray[np.float64]
 Field = npt.NDArray[np.uint8]
 
 CELL_M = 0.05
-FULL = 255
-"""what a field holds where there is a hit"""
-SIGMA_M = 0.08
-"""how far a hit's likeness reaches: SICK noise, half a cell, and the roughness of walls"""
-_REACH_CELLS = 5
-"""beyond three sigma a hit counts nothing"""
+FULL = 255  # what a field holds where there is a hit
+SIGMA_M = 0.08  # how far a hit's likeness reaches: SICK noise, half a cell, and the roughness of walls
+_REACH_CELLS = 5  # beyond three sigma a hit counts nothing
 _NEAR_CELLS, _WALL = 6, 200
 """so near its ends a beam passes through nothing; a field from which on there is a hit"""
-BLOCK_CELLS = 8
-"""poses that share one bound lie in a square of so many cells"""
-ANGLE_STEP_RAD = 0.01
-"""moves a point at 10 m by 0.1 m"""
+BLOCK_CELLS = 8  # poses that share one bound lie in a square of so many cells
+ANGLE_STEP_RAD = 0.01  # moves a point at 10 m by 0.1 m
 _CLIMB_STEP_M, _CLIMB_STEP_RAD, _HALVINGS = 0.025, 0.005, 4
 """the climb from the best pose of the search ends with steps of 1.6 mm and 0.3 mrad"""
 
@@ -38,12 +33,9 @@ _CLIMB_STEP_M, _CLIMB_STEP_RAD, _HALVINGS = 0.025, 0.005, 4
 class HitField(NamedTuple):
     """How like a hit each place is, from 0 to 255: 255 exp(-d^2 / (2 sigma^2)), d to the nearest hit."""
 
-    fine: Field
-    """(rows, columns) at the cells' centres"""
-    coarse: Field
-    """(rows, columns) the greatest fine value of the block of cells that begins here"""
-    corner: Floats
-    """(2,) x, y of the first cell's corner, metres in the map frame"""
+    fine: Field  # (rows, columns) at the cells' centres
+    coarse: Field  # (rows, columns) the greatest fine value of the block of cells that begins here
+    corner: Floats  # (2,) x, y of the first cell's corner, metres in the map frame
 
 
 class Window(NamedTuple):
@@ -51,18 +43,15 @@ class Window(NamedTuple):
 
     half_m: float
     half_rad: float
-    pull_per_m2: float
-    """what a pose at distance d loses of its score per d^2"""
+    pull_per_m2: float  # what a pose at distance d loses of its score per d^2
     pull_per_rad2: float
 
 
 class Match(NamedTuple):
     """The best pose of a window."""
 
-    pose: Pose2D
-    """in the map frame"""
-    score: float
-    """mean likeness of the points, 0 to 1, without the pulls"""
+    pose: Pose2D  # in the map frame
+    score: float  # mean likeness of the points, 0 to 1, without the pulls
 
 
 def hit_field(hits_m: Floats) -> HitField:

@@ -27,14 +27,10 @@ _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 class Frontier(NamedTuple):
     """A connected border between what a robot can reach and the unknown; metres, the grid's frame."""
 
-    cost: float
-    """the lower the better"""
-    size_m: float
-    """number of its unknown cells times the resolution"""
-    distance_m: float
-    """the way from the robot to its nearest cell, over traversable cells"""
-    centroid: Point
-    """mean of its unknown cells' centres"""
+    cost: float  # the lower the better
+    size_m: float  # number of its unknown cells times the resolution
+    distance_m: float  # the way from the robot to its nearest cell, over traversable cells
+    centroid: Point  # mean of its unknown cells' centres
     approaches: npt.NDArray[np.float64]
     """(K, 2) x, y of the reachable cells that touch it, nearest to the centroid first; or that see a gap"""
 
@@ -42,10 +38,8 @@ class Frontier(NamedTuple):
 class Gap(NamedTuple):
     """A connected border of free cells and unknown ones that touches a wall's end; metres, grid's frame."""
 
-    length_m: float
-    """number of its unknown cells times the resolution"""
-    place: Point
-    """centre of its unknown cell nearest to their mean"""
+    length_m: float  # number of its unknown cells times the resolution
+    place: Point  # centre of its unknown cell nearest to their mean
 
 
 def wall_gaps(grid: OccupancyGrid, least_m: float) -> list[Gap]:

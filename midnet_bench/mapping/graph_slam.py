@@ -27,59 +27,40 @@ Floats = npt.NDArray[np.float64]
 # Chosen on one log and on drawn buildings: docs/studies/slips.md.
 FEWEST_BEAMS = 90
 """Of fewer beams too little is left for a match to tell one place from another; GMapping maps such logs."""
-LINEAR_UPDATE_M = 0.3
-"""A scan becomes a node after a drive of this length (Karto: MinimumTravelDistance)."""
+LINEAR_UPDATE_M = 0.3  # A scan becomes a node after a drive of this length (Karto: MinimumTravelDistance).
 ANGULAR_UPDATE_RAD = 0.3
 """A scan becomes a node after a turn by this angle too (Karto: MinimumTravelHeading)."""
-FARTHEST_M = 25.0
-"""Farther returns are drawn, but not matched."""
-THIN_M = 0.1
-"""One return in a square of this side is matched: near walls count no more than far ones."""
-RUNNING_SCANS = 20
-"""A new scan is matched against so many before it (Karto: ScanBufferSize)."""
+FARTHEST_M = 25.0  # Farther returns are drawn, but not matched.
+THIN_M = 0.1  # One return in a square of this side is matched: near walls count no more than far ones.
+RUNNING_SCANS = 20  # A new scan is matched against so many before it (Karto: ScanBufferSize).
 COLLAPSED = 0.75
 """Below this share of the median of the last 50 scores a match is searched for in ``WIDE`` too."""
-GAIN = 0.1
-"""The match in ``WIDE`` is taken if its score is better by this much."""
+GAIN = 0.1  # The match in ``WIDE`` is taken if its score is better by this much.
 SLIP_SCORE, CROSSED = 0.85, 0.3
 """And if it is at least this share of the usual score, or if this share of the beams would pass through walls
 where the wheels put the robot: in a place never seen before nothing contradicts the wheels."""
 SLIDE_M, SLIDE_SCORE = 0.15, 0.9
 """A match that keeps this share of its score when it slides so far does not hold the robot that way."""
-LOOP_RADIUS_M = 4.0
-"""A loop may close with scans from so near (Karto: LoopSearchMaximumDistance)."""
+LOOP_RADIUS_M = 4.0  # A loop may close with scans from so near (Karto: LoopSearchMaximumDistance).
 LOOP_SCANS = 10
 """A closure is matched against so many scans before and after the nearest of an earlier visit."""
-LOOP_SCORE = 0.55
-"""Least score of a closure, 0 to 1 (Karto: LoopMatchMinimumResponseFine)."""
-LATELY_SCANS = 8
-"""After a long way without a loop so many scans are matched at once, as one."""
-LONG_WAY_M = 10.0
-"""How far a long way is."""
-SURPRISE_M = 0.3
-"""A closure that moves the robot by more than this is a surprise."""
-SURPRISE_RAD = 0.1
-"""A closure that turns the robot by more than this is one too."""
-AGREEING = 3
-"""So many surprises within eight nodes have to agree before they are taken."""
-HIT_DEVIATION_M = 0.1
-"""Standard deviation of a hit from its wall: what an edge of the graph weighs."""
-ODOMETRY_DEVIATION = 0.2
-"""Standard deviation of the odometry between two nodes, metres and radians."""
-RESOLUTION_M = 0.05
-"""Side of a cell of the map."""
-OCCUPIED_THRESHOLD = 0.25
-"""Cells hit in more than this share of the visits are occupied in the map."""
+LOOP_SCORE = 0.55  # Least score of a closure, 0 to 1 (Karto: LoopMatchMinimumResponseFine).
+LATELY_SCANS = 8  # After a long way without a loop so many scans are matched at once, as one.
+LONG_WAY_M = 10.0  # How far a long way is.
+SURPRISE_M = 0.3  # A closure that moves the robot by more than this is a surprise.
+SURPRISE_RAD = 0.1  # A closure that turns the robot by more than this is one too.
+AGREEING = 3  # So many surprises within eight nodes have to agree before they are taken.
+HIT_DEVIATION_M = 0.1  # Standard deviation of a hit from its wall: what an edge of the graph weighs.
+ODOMETRY_DEVIATION = 0.2  # Standard deviation of the odometry between two nodes, metres and radians.
+RESOLUTION_M = 0.05  # Side of a cell of the map.
+OCCUPIED_THRESHOLD = 0.25  # Cells hit in more than this share of the visits are occupied in the map.
 NARROW = Window(0.3, 0.2, 0.5, 0.5)
 """Search window around the odometry's pose; its pull holds where a corridor says nothing."""
-WIDE = Window(1.0, 3.2, 0.05, 0.01)
-"""Search window as wide as wheels slip."""
+WIDE = Window(1.0, 3.2, 0.05, 0.01)  # Search window as wide as wheels slip.
 _WAYS = directions(np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False).astype(np.float64))
-_MOST_CHAINS = 3
-"""of old scans with which one scan may close loops"""
+_MOST_CHAINS = 3  # of old scans with which one scan may close loops
 _PENDING_NODES = 8
-_FEWEST_POINTS = 20
-"""fewer close no loop"""
+_FEWEST_POINTS = 20  # fewer close no loop
 
 
 def parameters() -> dict[str, float]:
@@ -94,8 +75,7 @@ def parameters() -> dict[str, float]:
 class _Scan(NamedTuple):
     """A scan as it is matched."""
 
-    points: Floats
-    """(B, 2) thinned hits in the sensor frame, metres"""
+    points: Floats  # (B, 2) thinned hits in the sensor frame, metres
     normals: Floats
     """(B, 2) unit normals of the walls that they lie on, by the beams beside them; 0 where far apart"""
 
@@ -105,10 +85,8 @@ class _Closure(NamedTuple):
 
     early: int
     late: int
-    pose: Pose2D
-    """of ``late`` in the map as it was then"""
-    measured: Pose2D
-    """of ``late`` in the frame of ``early``"""
+    pose: Pose2D  # of ``late`` in the map as it was then
+    measured: Pose2D  # of ``late`` in the frame of ``early``
     information: Floats
 
 

@@ -69,17 +69,14 @@ def rotate(points: npt.NDArray[np.float64], yaw: float, rotated: npt.NDArray[np.
 
 Floats = npt.NDArray[np.float64]
 
-_MARGIN_CELLS = 64
-"""spare cells on each side when the map grows, so that it does not grow with every scan"""
+_MARGIN_CELLS = 64  # spare cells on each side when the map grows, so that it does not grow with every scan
 
 
 class ScanRays(NamedTuple):
     """What a scan says, as rays from the sensor."""
 
-    ends_m: Floats
-    """(B, 2) ends of the rays in the sensor frame"""
-    hits: int
-    """how many of them, from the first on, end at an obstacle; the others only clear"""
+    ends_m: Floats  # (B, 2) ends of the rays in the sensor frame
+    hits: int  # how many of them, from the first on, end at an obstacle; the others only clear
 
 
 def scan_rays(geometry: LidarGeometry, ranges_m: Floats, usable_m: float) -> ScanRays:
@@ -244,8 +241,7 @@ def _count(
 class GridSlam(ABC):
     """SLAM that keeps its scans and draws a grid of them at its newest estimate of their poses."""
 
-    _SLACK = (0.0, 0.0)
-    """a scan that moved by no more, metres and radians, stays where it is drawn"""
+    _SLACK = (0.0, 0.0)  # a scan that moved by no more, metres and radians, stays where it is drawn
 
     def __init__(
         self,

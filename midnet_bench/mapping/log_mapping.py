@@ -36,12 +36,9 @@ class MappingResult:
 
     grid: OccupancyGrid
     """int8: 100 occupied, 0 free, -1 unknown; the map frame is the odometry frame at the first scan"""
-    trajectory: Trajectory
-    """the robot's base in the map frame at each integrated scan"""
-    scans: int
-    """in the log; the trajectory has fewer where the robot had hardly moved since the scan before"""
-    integrated: list[int]
-    """the number, from 1, of the scan that each pose of the trajectory belongs to"""
+    trajectory: Trajectory  # the robot's base in the map frame at each integrated scan
+    scans: int  # in the log; the trajectory has fewer where the robot had hardly moved since the scan before
+    integrated: list[int]  # the number, from 1, of the scan that each pose of the trajectory belongs to
     warnings: list[str]
     """one line for each kind of thing in the log that was not taken as it stands, and where the map broke"""
 

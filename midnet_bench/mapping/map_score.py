@@ -11,17 +11,14 @@ from scipy.spatial import cKDTree
 from midnet_bench.geometry import Point
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, connected_to, values_at
 
-_SLACK = 1e-6
-"""Keeps cells exactly one cell apart within one cell, whatever the rounding."""
+_SLACK = 1e-6  # Keeps cells exactly one cell apart within one cell, whatever the rounding.
 
 
 class MapScore(NamedTuple):
     """A map against the truth; NaN where there is nothing to count."""
 
-    free_covered: float
-    """share of the free cells a robot can reach that the map knows, 0 to 1"""
-    occupied_precision: float
-    """share of the map's occupied cells with a true occupied cell within one cell"""
+    free_covered: float  # share of the free cells a robot can reach that the map knows, 0 to 1
+    occupied_precision: float  # share of the map's occupied cells with a true occupied cell within one cell
     occupied_recall: float
     """share of the true occupied cells that face reachable space with one of the map's within one cell"""
     wall_error_m: float

@@ -42,10 +42,8 @@ _MIN_MATCHES = 6
 class Proposal(NamedTuple):
     """A placement of one map in another, as features suggest it."""
 
-    pose: Pose2D
-    """the second map's frame in the first map's frame"""
-    confidence: float
-    """inliers / (8 + 0.3 * matches), OpenCV's measure of a pair of images"""
+    pose: Pose2D  # the second map's frame in the first map's frame
+    confidence: float  # inliers / (8 + 0.3 * matches), OpenCV's measure of a pair of images
     scale: float
     """what the features say of the maps' relative size, divided out of ``pose``; 1 when they agree"""
 
@@ -123,14 +121,10 @@ class WallMap:
     """A map as the alignment sees it."""
 
     grid: OccupancyGrid
-    walls: FloatArray
-    """(N, 2) centres of the occupied cells, metres"""
-    open_space: FloatArray
-    """(M, 2) centres of the free cells deeper than the tolerance"""
-    to_wall_m: Image
-    """(H, W) from each cell to the nearest occupied one"""
-    depth_m: Image
-    """(H, W) from each free cell to the nearest that is not free; 0 there"""
+    walls: FloatArray  # (N, 2) centres of the occupied cells, metres
+    open_space: FloatArray  # (M, 2) centres of the free cells deeper than the tolerance
+    to_wall_m: Image  # (H, W) from each cell to the nearest occupied one
+    depth_m: Image  # (H, W) from each free cell to the nearest that is not free; 0 there
     pulls: tuple[Image, ...]
     """(H, W) each, from far-reaching to near: what a wall of the other map gains here, -1 to 1"""
 
@@ -163,8 +157,7 @@ class WallMap:
 class Fit(NamedTuple):
     """What two maps say of each other: metres of wall one cell thick, the mean of both directions."""
 
-    shared_m: float
-    """wall of one that meets wall of the other"""
+    shared_m: float  # wall of one that meets wall of the other
     contradicted_m: float
     """wall of one that lies in open space of the other; wall in the unknown counts nowhere"""
 
@@ -295,14 +288,10 @@ _HERE = Pose2D(0.0, 0.0, 0.0)
 class MapMatch(NamedTuple):
     """What came of matching a map against another: a placement, or why there is none."""
 
-    placement: Pose2D | None
-    """the second map's frame in the first map's frame; None when refused"""
-    refusal: str
-    """why not; empty when there is a placement"""
-    confidence: float
-    """inliers / (8 + 0.3 * matches) of the features; 0 without features"""
-    evidence_m: float = 0.0
-    """shared wall less weighted contradictions, metres"""
+    placement: Pose2D | None  # the second map's frame in the first map's frame; None when refused
+    refusal: str  # why not; empty when there is a placement
+    confidence: float  # inliers / (8 + 0.3 * matches) of the features; 0 without features
+    evidence_m: float = 0.0  # shared wall less weighted contradictions, metres
 
 
 Matches = dict[tuple[int, int], MapMatch]

@@ -20,16 +20,12 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_rays
 from midnet_bench.mapping.mapping_settings import GmappingSettings
 
-PATCH_CELLS = 32
-"""side of a patch, cells"""
-PATCH_SHIFT = 5
-"""a cell's row or column shifted right by this is that of its patch"""
-EMPTY = 1e9
-"""coordinate that stands for "no hits here": so far away that it is never the nearest"""
+PATCH_CELLS = 32  # side of a patch, cells
+PATCH_SHIFT = 5  # a cell's row or column shifted right by this is that of its patch
+EMPTY = 1e9  # coordinate that stands for "no hits here": so far away that it is never the nearest
 
 _NONE_SQUARED = EMPTY * EMPTY
-_NO_CANDIDATE = 1e12
-"""cells squared: far above any distance within three cells, far below one to EMPTY"""
+_NO_CANDIDATE = 1e12  # cells squared: far above any distance within three cells, far below one to EMPTY
 
 FloatArray = npt.NDArray[np.float64]
 MeanArray = npt.NDArray[np.float32]
@@ -40,18 +36,13 @@ class Matching(NamedTuple):
     """The parameters of scan matching, lengths in cells."""
 
     linear_step: float
-    angular_step: float
-    """radians"""
+    angular_step: float  # radians
     iterations: int
-    sigma: float
-    """squared cells"""
-    odometry_pull: float
-    """per squared cell"""
-    heading_pull: float
-    """per squared radian"""
+    sigma: float  # squared cells
+    odometry_pull: float  # per squared cell
+    heading_pull: float  # per squared radian
     minimum_score: float
-    likelihood_sigma: float
-    """squared cells"""
+    likelihood_sigma: float  # squared cells
     miss_log_likelihood: float
 
 
@@ -195,8 +186,7 @@ def match_particles(
 
 
 PartT = TypeVar("PartT")
-PARTS_PER_THREAD = 4
-"""some particles climb longer than others; a thread that is done takes the next part"""
+PARTS_PER_THREAD = 4  # some particles climb longer than others; a thread that is done takes the next part
 _FULLNESS = 0.1
 """hits / visits above which a cell counts as an obstacle in matching (GMapping's fullnessThreshold)"""
 

@@ -13,10 +13,8 @@ from midnet_bench.geometry import Pose2D
 
 Floats = npt.NDArray[np.float64]
 
-DOUBT = 25.0
-"""chi squared at which a doubted edge counts half"""
-_CONVERGED = 1e-4
-"""metres and radians that a step moves a pose at most when the poses count as settled"""
+DOUBT = 25.0  # chi squared at which a doubted edge counts half
+_CONVERGED = 1e-4  # metres and radians that a step moves a pose at most when the poses count as settled
 
 
 class PoseGraph:

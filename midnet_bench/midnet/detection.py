@@ -20,17 +20,13 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.midnet_settings import Align, Unknown
 
 BinaryArray = npt.NDArray[np.uint8]
-BoxArray = npt.NDArray[np.float64]
-"""(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
+BoxArray = npt.NDArray[np.float64]  # (n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-OCCUPIED = 0
-"""black, where something is"""
-FREE = 255
-"""white, where nothing is, or nothing is known"""
-RESOLUTION_TOLERANCE = 1e-4
-"""saved maps round their resolution to six decimals, ROS messages to 32 bits"""
+OCCUPIED = 0  # black, where something is
+FREE = 255  # white, where nothing is, or nothing is known
+RESOLUTION_TOLERANCE = 1e-4  # saved maps round their resolution to six decimals, ROS messages to 32 bits
 
 
 def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> BinaryArray:

@@ -29,25 +29,18 @@ ROUNDING = 1e-9
 class TeamBoxes(NamedTuple):
     """What section IV.C makes of the team's boxes."""
 
-    detections: BoxArray
-    """fused, (n, 4)"""
-    found_by: Indices
-    """(n,) for each detection the robot whose box it is"""
-    kept: Indices
-    """indices of the boxes that are no allies, robot after robot, in their old order"""
-    starts: Indices
-    """for each robot, where its boxes in ``kept`` begin, and where the last one's end"""
-    removed: Indices
-    """(k, 2): an ally's index and the box that was taken for it, in the order of removal"""
+    detections: BoxArray  # fused, (n, 4)
+    found_by: Indices  # (n,) for each detection the robot whose box it is
+    kept: Indices  # indices of the boxes that are no allies, robot after robot, in their old order
+    starts: Indices  # for each robot, where its boxes in ``kept`` begin, and where the last one's end
+    removed: Indices  # (k, 2): an ally's index and the box that was taken for it, in the order of removal
 
 
 class Call(NamedTuple):
     """What a call of Algorithm 3 came to."""
 
-    left: list[int]
-    """indices of the boxes in its list"""
-    lost: list[list[int]]
-    """[box, the box that stays in its place]"""
+    left: list[int]  # indices of the boxes in its list
+    lost: list[list[int]]  # [box, the box that stays in its place]
 
 
 NOTHING: Indices = np.empty((0, 2), np.int64)

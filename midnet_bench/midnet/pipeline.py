@@ -33,10 +33,8 @@ from midnet_bench.midnet.midnet_settings import MIDNetSettings as MIDNetSettings
 class Observation:
     """What one robot tells MIDNet."""
 
-    pose: Pose2D
-    """of the robot, map frame, the latest it reports: for Eq. 4 and, as an ally, for Algorithm 2"""
-    costmap: OccupancyGrid
-    """its local grid map, int8 published costs, axes along those of the map"""
+    pose: Pose2D  # of the robot, map frame, the latest it reports: for Eq. 4 and, as an ally, for Algorithm 2
+    costmap: OccupancyGrid  # its local grid map, int8 published costs, axes along those of the map
     scan: Scan | None = None
     """its last one, which MIDNet needs for ``min_returns`` alone; None before the first"""
 
@@ -44,70 +42,53 @@ class Observation:
 class Ally(NamedTuple):
     """Another ally, such as a person: a pose and a size, but no costmap."""
 
-    pose: Pose2D
-    """map frame"""
-    diameter_m: float
-    """side of the square that it is taken to fill, di of Algorithm 2"""
+    pose: Pose2D  # map frame
+    diameter_m: float  # side of the square that it is taken to fill, di of Algorithm 2
 
 
 @dataclass(frozen=True)
 class RobotView:
     """One robot's way through sections IV.A to IV.C.1."""
 
-    crop: Crop
-    """which cells of the costmap and of the prior map were compared"""
-    a: OccupancyGrid
-    """A, the local grid of Eq. 1, cropped; as all four uint8 and placed in the map frame"""
-    b: OccupancyGrid
-    """B, the prior map, cropped"""
-    c: OccupancyGrid
-    """C of Eq. 5, occupied in both"""
-    d: OccupancyGrid
-    """D of Eq. 6: 255 where an intruder is, else 0"""
-    found: list[Box]
-    """around the contours of D"""
-    kept: list[Box]
-    """without the allies"""
+    crop: Crop  # which cells of the costmap and of the prior map were compared
+    a: OccupancyGrid  # A, the local grid of Eq. 1, cropped; as all four uint8 and placed in the map frame
+    b: OccupancyGrid  # B, the prior map, cropped
+    c: OccupancyGrid  # C of Eq. 5, occupied in both
+    d: OccupancyGrid  # D of Eq. 6: 255 where an intruder is, else 0
+    found: list[Box]  # around the contours of D
+    kept: list[Box]  # without the allies
 
 
 class Detection(NamedTuple):
     """One box, map frame, and the robot that found it."""
 
     box: Box
-    robot: int
-    """index in the team"""
+    robot: int  # index in the team
 
 
 class RemovedAlly(NamedTuple):
     """A robot's box that was taken for an ally."""
 
     detection: Detection
-    ally: int
-    """index of the robot whose pose it matched"""
-    iou: float
-    """with that ally's square"""
+    ally: int  # index of the robot whose pose it matched
+    iou: float  # with that ally's square
 
 
 @dataclass(frozen=True)
 class Explanation:
     """Everything between the costmaps and the detections of one frame."""
 
-    views: list[RobotView]
-    """of each robot, in index order"""
-    removed: list[RemovedAlly]
-    """boxes taken for allies, in the order of removal"""
+    views: list[RobotView]  # of each robot, in index order
+    removed: list[RemovedAlly]  # boxes taken for allies, in the order of removal
 
 
 @dataclass(frozen=True)
 class Frame:
     """What MIDNet says at one instant."""
 
-    detections: list[Box]
-    """fused, map frame, metres"""
-    robots: list[int]
-    """for each detection, the robot whose box it is"""
-    explanation: Explanation | None = None
-    """only when asked for"""
+    detections: list[Box]  # fused, map frame, metres
+    robots: list[int]  # for each detection, the robot whose box it is
+    explanation: Explanation | None = None  # only when asked for
 
 
 class _Grids(NamedTuple):

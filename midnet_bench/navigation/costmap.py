@@ -23,10 +23,8 @@ Cells = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
 
 FREE_SPACE = 0
-INSCRIBED = 253
-"""the robot's centre here means contact, whatever its heading"""
-LETHAL = 254
-"""an obstacle is in this cell"""
+INSCRIBED = 253  # the robot's centre here means contact, whatever its heading
+LETHAL = 254  # an obstacle is in this cell
 NO_INFORMATION = 255
 
 

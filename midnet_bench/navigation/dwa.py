@@ -24,8 +24,7 @@ from midnet_bench.navigation.navigation_settings import DwaSettings, Footprint
 
 SIM_GRANULARITY_M, ANGULAR_SIM_GRANULARITY_RAD = 0.025, 0.1
 """dwa_local_planner, sim_granularity and angular_sim_granularity"""
-VX_SAMPLES, VTH_SAMPLES = 20, 40
-"""turtlebot3, dwa_local_planner_params.yaml, vx_samples and vtheta_samples"""
+VX_SAMPLES, VTH_SAMPLES = 20, 40  # turtlebot3, dwa_local_planner_params.yaml, vx_samples and vtheta_samples
 PATH_DISTANCE_BIAS, FORWARD_POINT_DISTANCE_M = 32.0, 0.325
 """turtlebot3, dwa_local_planner_params.yaml, path_distance_bias and forward_point_distance"""
 OSCILLATION_RESET_DIST_M, OSCILLATION_RESET_ANGLE_RAD = 0.05, 0.2
@@ -82,15 +81,13 @@ class SearchParameters(NamedTuple):
     max_vel_trans: float
     min_vel_theta: float
     sim_time: float
-    steps_per_mps: float
-    """simulation steps per metre per second"""
+    steps_per_mps: float  # simulation steps per metre per second
     steps_per_radps: float
     cells_per_m: float
     path: float
     """total score per step of the path grid; also that of the alignment critic unless near the goal"""
     goal: float
-    occupied: float
-    """total score per unit of cost"""
+    occupied: float  # total score per unit of cost
     forward_cells: float
 
 

@@ -29,24 +29,18 @@ from midnet_bench.navigation.navigation_settings import CostmapSettings, radii
 
 Potentials = npt.NDArray[np.float32]
 
-UNREACHED = np.float32(1e10)
-"""potential of a cell that the wave did not reach"""
-NEUTRAL = 50
-"""traversal cost of a free cell"""
-UNSEEN = 253
-"""traversal cost of unknown cells where they are allowed: very dear, not blocked"""
-BLOCKED = 254
-"""traversal cost of a cell that the wave does not enter"""
+UNREACHED = np.float32(1e10)  # potential of a cell that the wave did not reach
+NEUTRAL = 50  # traversal cost of a free cell
+UNSEEN = 253  # traversal cost of unknown cells where they are allowed: very dear, not blocked
+BLOCKED = 254  # traversal cost of a cell that the wave does not enter
 
 _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
 
 _REPLAN_PERIOD_S = 1.0
 """Least time between two potentials: move_base plans from the costs each time, which takes time."""
-_CHANGE_RADIUS_M = 0.3
-"""An obstacle so near to the plan that comes or goes calls for another potential."""
-_POCKET_M2 = 1.0
-"""A goal from which the potential reaches less floor than this is closed in."""
+_CHANGE_RADIUS_M = 0.3  # An obstacle so near to the plan that comes or goes calls for another potential.
+_POCKET_M2 = 1.0  # A goal from which the potential reaches less floor than this is closed in.
 
 
 class GlobalPlanner:
@@ -170,13 +164,11 @@ class Potential:
     costs hold: planning again is only tracing again, which has the effect of planning at that rate.
     """
 
-    values: Potentials
-    """(H, W), 1e10 where the wave did not come"""
+    values: Potentials  # (H, W), 1e10 where the wave did not come
     resolution: float
     origin: tuple[float, float]
     goal: tuple[float, float]
-    settled_below: float
-    """potentials below this are final; a robot beyond it needs another wave"""
+    settled_below: float  # potentials below this are final; a robot beyond it needs another wave
 
     def path_from(self, x: float, y: float, until_m: float = math.inf) -> Floats | None:
         """(N, 2) points from (x, y) to the goal exactly, metres, half a cell apart; None without a way.

@@ -33,8 +33,7 @@ Plan = npt.NDArray[np.float64]
 PATH, GOAL, GOAL_FRONT = 0, 1, 2
 """index of a grid among the three: to the plan, to the local goal, to the goal pushed ahead"""
 
-ILLEGAL = -1
-"""cost of an outline on an obstacle, on unknown cells or off the window"""
+ILLEGAL = -1  # cost of an outline on an obstacle, on unknown cells or off the window
 
 
 class LocalPlanner(ABC):

@@ -12,8 +12,7 @@ from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import Outline, RobotModel
 from midnet_bench.settings import Settings, fixed, group, option
 
-Footprint = Outline
-"""the corners of a convex polygon in order, (x, y) in the base frame, metres"""
+Footprint = Outline  # the corners of a convex polygon in order, (x, y) in the base frame, metres
 
 
 def padded(footprint: Footprint, padding_m: float) -> Footprint:
@@ -24,8 +23,7 @@ def padded(footprint: Footprint, padding_m: float) -> Footprint:
     return tuple((x, y) for x, y in corners)
 
 
-COSTMAP_PADDING_M = 0.01
-"""of a footprint, costmap_2d's own"""
+COSTMAP_PADDING_M = 0.01  # of a footprint, costmap_2d's own
 BURGER_PADDED = padded(BURGER.footprint, COSTMAP_PADDING_M)
 
 
@@ -40,8 +38,7 @@ def radii(footprint: Footprint) -> tuple[float, float]:
 
 Memory = Literal["persistent", "single_scan", "decay"]
 
-MAX_INFLATION_CELLS = 100
-"""what the compiled inflation can count in 16 bits"""
+MAX_INFLATION_CELLS = 100  # what the compiled inflation can count in 16 bits
 
 
 @dataclass(frozen=True)
@@ -102,8 +99,7 @@ class CostmapSettings(Settings):
         source="ours: robot_radius, which costmap_common_params_burger.yaml has as a comment; the "
         "footprint's inscribed radius would be 0.041 m",
     )
-    footprint: Footprint = BURGER_PADDED
-    """the polygon that is free because the robot stands there"""
+    footprint: Footprint = BURGER_PADDED  # the polygon that is free because the robot stands there
     footprint_clearing: bool = option(
         True,
         "Free the cells under the robot's own footprint at every scan.",
@@ -371,8 +367,7 @@ class NavigatorSettings(Settings):
         key="nav_goal_tolerance_m",
         source="ours: with navfn's 0 a robot stops wherever an intruder is on its goal",
     )
-    controller_frequency_hz: float = 10.0
-    """how often ``control`` is called; the fleet sets it"""
+    controller_frequency_hz: float = 10.0  # how often ``control`` is called; the fleet sets it
     planner_frequency_hz: float = option(
         5.0,
         "How often a plan is traced anew, at most once a scan.",

@@ -16,22 +16,15 @@ from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap
 from midnet_bench.navigation.local_planner import GOAL, ILLEGAL, PATH, Grids, LocalPlanner, Plan, outline_cost
 from midnet_bench.navigation.navigation_settings import Footprint, LocalPlannerLimits
 
-SIM_TIME_S = 1.5
-"""as DWA's; with the file's 0.8 s a slow robot looks no farther than its start"""
-SIM_GRANULARITY_M = 0.025
-"""base_local_planner, sim_granularity; the file's 0.05 m as sim_time"""
-ANGULAR_SIM_GRANULARITY_RAD = 0.025
-"""base_local_planner, angular_sim_granularity"""
+SIM_TIME_S = 1.5  # as DWA's; with the file's 0.8 s a slow robot looks no farther than its start
+SIM_GRANULARITY_M = 0.025  # base_local_planner, sim_granularity; the file's 0.05 m as sim_time
+ANGULAR_SIM_GRANULARITY_RAD = 0.025  # base_local_planner, angular_sim_granularity
 VX_SAMPLES, VTHETA_SAMPLES = 18, 20
 """turtlebot3, base_local_planner_params.yaml, vx_samples and vtheta_samples"""
-PATH_DISTANCE_BIAS, GOAL_DISTANCE_BIAS = 0.6, 0.8
-"""base_local_planner, pdist_scale and gdist_scale"""
-OCCDIST_SCALE = 0.05
-"""with the package's 0.01 a robot cuts corners until it is stuck"""
-HEADING_LOOKAHEAD_M = 0.325
-"""base_local_planner, heading_lookahead"""
-OSCILLATION_RESET_DIST_M = 0.05
-"""base_local_planner, oscillation_reset_dist"""
+PATH_DISTANCE_BIAS, GOAL_DISTANCE_BIAS = 0.6, 0.8  # base_local_planner, pdist_scale and gdist_scale
+OCCDIST_SCALE = 0.05  # with the package's 0.01 a robot cuts corners until it is stuck
+HEADING_LOOKAHEAD_M = 0.325  # base_local_planner, heading_lookahead
+OSCILLATION_RESET_DIST_M = 0.05  # base_local_planner, oscillation_reset_dist
 ESCAPE_VEL_MPS, ESCAPE_RESET_DIST_M, ESCAPE_RESET_THETA_RAD = -0.1, 0.10, math.pi / 2
 """base_local_planner, escape_vel, escape_reset_dist and escape_reset_theta"""
 

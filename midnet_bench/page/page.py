@@ -17,14 +17,10 @@ from midnet_bench.page.recording import COLUMNS, KINDS, SCAN_COLUMNS, Recording,
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
 FOLDER = Path(__file__).parent
-MOST_BYTES = 9_900_000
-"""of the page: less than 10 MB"""
-MOST_ROWS = 200
-"""of a table on the page; its file has them all"""
-LONG_TEXT = 40
-"""characters of a cell that may take several lines"""
-MOST_SHOWN = 300
-"""characters of a parameter's value"""
+MOST_BYTES = 9_900_000  # of the page: less than 10 MB
+MOST_ROWS = 200  # of a table on the page; its file has them all
+LONG_TEXT = 40  # characters of a cell that may take several lines
+MOST_SHOWN = 300  # characters of a parameter's value
 COLOURS: Mapping[str, tuple[palette.RGB, palette.RGB]] = {
     "paper": (palette.WHITE, (22, 24, 27)),
     "ink": (palette.INK, (232, 230, 225)),
@@ -93,20 +89,16 @@ KIND, CAUSE, GUARD, WHO = (COLUMNS["errors"].index(name) for name in ("kind", "c
 class Example(NamedTuple):
     """Where in a recorded trial a cause is seen."""
 
-    trial: int
-    """place of the trial on the page"""
-    frame: int
-    """counted from 1"""
-    frames: int
-    """how long the same error lasts"""
+    trial: int  # place of the trial on the page
+    frame: int  # counted from 1
+    frames: int  # how long the same error lasts
 
 
 @dataclass
 class Funnel:
     """Where detections are lost: the errors of recorded trials by cause, which :meth:`add` counts."""
 
-    counts: Counter[tuple[str, str, str]] = field(default_factory=Counter)
-    """(side, cause, cell) -> errors"""
+    counts: Counter[tuple[str, str, str]] = field(default_factory=Counter)  # (side, cause, cell) -> errors
     examples: dict[tuple[str, str], Example] = field(default_factory=dict)
     """(side, cause) -> where it lasts longest"""
     cells: list[str] = field(default_factory=list)
@@ -152,8 +144,7 @@ class Picture(NamedTuple):
     """A figure of the campaign."""
 
     name: str
-    files: Mapping[str, bytes]
-    """its content by ending, ``.png`` and ``.svg``"""
+    files: Mapping[str, bytes]  # its content by ending, ``.png`` and ``.svg``
     data: Table
 
 
@@ -163,14 +154,11 @@ class Content:
 
     title: str
     lead: str
-    conclusion: str
-    """the result in words; empty if there are none"""
+    conclusion: str  # the result in words; empty if there are none
     headline: Sequence[Table]
-    claims: Table | None
-    """a row for each claim of the paper, with a column ``verdict``"""
+    claims: Table | None  # a row for each claim of the paper, with a column ``verdict``
     counterfactuals: Table | None
-    tables: Sequence[Table]
-    """all others"""
+    tables: Sequence[Table]  # all others
     pictures: Sequence[Picture]
     provenance: Sequence[Mapping[str, Any]]
     configuration: Mapping[str, Any]
@@ -199,8 +187,7 @@ def report_page(content: Content, recordings: Iterable[Recording], most_bytes: i
 
 
 class _Packed(NamedTuple):
-    place: int
-    """in the campaign's order"""
+    place: int  # in the campaign's order
     head: Mapping[str, Any]
     frames: str
     scans: str

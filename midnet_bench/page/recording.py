@@ -17,8 +17,7 @@ from midnet_bench.geometry import Point
 if TYPE_CHECKING:
     from midnet_bench.drawing.scene import FloorPlan
 
-STEP_MM = 5
-"""lengths and places on the page are whole multiples of it, angles of as many milliradians"""
+STEP_MM = 5  # lengths and places on the page are whole multiples of it, angles of as many milliradians
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "robots": ("robot", "here", "x", "y", "yaw", "off_x", "off_y", "off_yaw", "goal", "goal_x", "goal_y"),
     "truths": ("name", "x", "y", "width", "height", "counts", "detection"),
@@ -38,10 +37,8 @@ SCAN_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "beams": ("beam", "range"),
 }
 """the same of the scans: beams of all guards, guard by guard; ``range`` in 2 cm, 128 for none"""
-TEAM = 32
-"""more than there are guards"""
-NEAR = 40
-"""a box moves less than so many steps from frame to frame, along x and y together"""
+TEAM = 32  # more than there are guards
+NEAR = 40  # a box moves less than so many steps from frame to frame, along x and y together
 KINDS = ("miss", "false", "fragment")
 
 Rows = Sequence[Sequence[int]] | npt.NDArray[np.int64]
@@ -51,10 +48,8 @@ Words = npt.NDArray[np.uint16]
 class Event(NamedTuple):
     """An event of an intruder."""
 
-    frame: int
-    """counted from 1"""
-    what: str
-    """a word for it, such as ``caught``"""
+    frame: int  # counted from 1
+    what: str  # a word for it, such as ``caught``
     text: str
 
 
@@ -62,35 +57,24 @@ class Event(NamedTuple):
 class Recording:
     """One trial; lengths in ``STEP_MM``, map frame."""
 
-    cell: str
-    """the cell's name, such as ``5-robot``"""
+    cell: str  # the cell's name, such as ``5-robot``
     seed: int
     plan: "FloorPlan"
-    hz: float
-    """frames per simulated second"""
-    robots: Sequence[tuple[str, bool]]
-    """name, and whether it is a guard; guards first"""
-    body: "Sequence[Point]"
-    """outline of a robot about its base frame, metres"""
+    hz: float  # frames per simulated second
+    robots: Sequence[tuple[str, bool]]  # name, and whether it is a guard; guards first
+    body: "Sequence[Point]"  # outline of a robot about its base frame, metres
     beams: tuple[float, float]
     """angles of a LiDAR's first beam and from each recorded one to the next, radians"""
-    words: Sequence[str]
-    """names of intruders and causes"""
-    frames: Mapping[str, Sequence[Rows]]
-    """list -> for each frame its rows; see :data:`COLUMNS`"""
-    scans: Mapping[str, Sequence[Rows]]
-    """likewise; see :data:`SCAN_COLUMNS`"""
+    words: Sequence[str]  # names of intruders and causes
+    frames: Mapping[str, Sequence[Rows]]  # list -> for each frame its rows; see :data:`COLUMNS`
+    scans: Mapping[str, Sequence[Rows]]  # likewise; see :data:`SCAN_COLUMNS`
     explained: bool
     """whether errors have causes; else ``errors`` is empty and the player finds misses and false boxes"""
-    window_m: float | None = None
-    """side of a guard's local costmap, metres; None where it is not known"""
-    range_m: float | None = None
-    """usable range of a guard's LiDAR, metres; None where it is not known"""
-    sensor: tuple[float, float] = (0.0, 0.0)
-    """x, y of the LiDAR about a robot's base frame, metres"""
+    window_m: float | None = None  # side of a guard's local costmap, metres; None where it is not known
+    range_m: float | None = None  # usable range of a guard's LiDAR, metres; None where it is not known
+    sensor: tuple[float, float] = (0.0, 0.0)  # x, y of the LiDAR about a robot's base frame, metres
     events: Sequence[Event] = field(default=())
-    summary: str = ""
-    """what came of the trial, in a line"""
+    summary: str = ""  # what came of the trial, in a line
 
     def head(self) -> dict[str, Any]:
         """What the page has of it without unpacking anything, ready for JSON."""

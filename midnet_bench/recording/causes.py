@@ -29,17 +29,14 @@ from midnet_bench.scoring.error_causes import RECORDED_MISSES
 
 Floats = npt.NDArray[np.float64]
 
-NEAR_M = 0.35
-"""how far a declared ally or a displaced box may lie from where its pose is"""
+NEAR_M = 0.35  # how far a declared ally or a displaced box may lie from where its pose is
 WALL_M = 0.15
 """beyond the cells that the prior map's walls were grown by, a return this far off a wall may still be its"""
-WALL_STAYS_M = 0.25
-"""up to here from a mapped wall, what stays put is the wall's own"""
+WALL_STAYS_M = 0.25  # up to here from a mapped wall, what stays put is the wall's own
 BESIDE_A_LABEL = ("displaced", "fragment")
 MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
 """causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
-MOST_RECENT = 20
-"""scans whose surroundings are kept: one of each robot"""
+MOST_RECENT = 20  # scans whose surroundings are kept: one of each robot
 
 
 class ErrorRow(NamedTuple):
@@ -47,31 +44,23 @@ class ErrorRow(NamedTuple):
 
     frame: int
     time_s: float
-    kind: str
-    """miss, false, fragment; box in a frame without labels"""
+    kind: str  # miss, false, fragment; box in a frame without labels
     cause: str
-    name: str
-    """of the label, if it has to do with one"""
-    x: float
-    """map frame, metres: of the label, or the middle of the box"""
+    name: str  # of the label, if it has to do with one
+    x: float  # map frame, metres: of the label, or the middle of the box
     y: float
     width_m: float
     height_m: float
-    returns: int
-    """near the label or in the box, of the last scans"""
-    age_s: float
-    """of the newest return there, of a ghost; of the ally's pose; 0 otherwise"""
-    offset_m: float
-    """to the nearest mapped wall, of a box; to the nearest box, of a miss"""
+    returns: int  # near the label or in the box, of the last scans
+    age_s: float  # of the newest return there, of a ghost; of the ally's pose; 0 otherwise
+    offset_m: float  # to the nearest mapped wall, of a box; to the nearest box, of a miss
 
 
 class Surroundings(NamedTuple):
     """What a map has about n points."""
 
-    wall_m: Floats
-    """(n,) metres to the nearest mapped wall; inf off the map"""
-    unknown: npt.NDArray[np.bool_]
-    """(n,) whether the map knows nothing there, or ends before"""
+    wall_m: Floats  # (n,) metres to the nearest mapped wall; inf off the map
+    unknown: npt.NDArray[np.bool_]  # (n,) whether the map knows nothing there, or ends before
 
 
 class Explainer:

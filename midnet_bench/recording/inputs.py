@@ -31,8 +31,7 @@ from midnet_bench.recording.truth import LabelTable
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.settings import Scalar
 
-EXPORTED = "/midnet/replay"
-"""topic in which ``export`` says how a trial is replayed"""
+EXPORTED = "/midnet/replay"  # topic in which ``export`` says how a trial is replayed
 FIRST = "first-"
 Note = Callable[[str], None]
 
@@ -41,12 +40,10 @@ Note = Callable[[str], None]
 class ReplayInputs:
     """Open recordings, and what a setup makes of them."""
 
-    setup: RecordingSetup
-    """completed by what an exported trial says of itself"""
+    setup: RecordingSetup  # completed by what an exported trial says of itself
     recorded: Recorded
     robots: list[RobotPlan]
-    prior_map: OccupancyGrid
-    """int8, 100 occupied, 0 free, -1 unknown, map frame"""
+    prior_map: OccupancyGrid  # int8, 100 occupied, 0 free, -1 unknown, map frame
     scored_from_ns: int | None
     """end of the seconds that the background was made from, record time; None if it is of no such seconds"""
 

@@ -38,20 +38,15 @@ from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
 from midnet_bench.recording.replay import LARGEST_JUMP_NS
 
 MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
-KEPT = 1000
-"""scans of a robot that wait for what they need, at most"""
-WARN_EVERY_S = 60.0
-"""of one kind of fault at most a line in so long"""
+KEPT = 1000  # scans of a robot that wait for what they need, at most
+WARN_EVERY_S = 60.0  # of one kind of fault at most a line in so long
 STAMPS_KEPT, STAMPS_NEEDED = 9, 3
 """messages of a topic whose stamps tell its clock: the newest, and how many it takes"""
-AHEAD_NS = 10 * NS
-"""a stamp that lies farther ahead of its topic's clock is no time"""
+AHEAD_NS = 10 * NS  # a stamp that lies farther ahead of its topic's clock is no time
 WAITED_NS = 60 * NS
 """a pose that is so much older than its topic's newest is forgotten, also if no frame was made of it"""
-MOST_FRAMES = 5000
-"""of tf: no team has as many, and whatever is published takes memory"""
-SLOWEST_HZ, FASTEST_HZ = 0.01, 1000.0
-"""frames a second"""
+MOST_FRAMES = 5000  # of tf: no team has as many, and whatever is published takes memory
+SLOWEST_HZ, FASTEST_HZ = 0.01, 1000.0  # frames a second
 SWEEP_CHANGE, SWEEPS_NEEDED = 0.03, 5
 """a scan whose angle differs by a larger part is left out, unless that many in a row do"""
 USUAL_CELL_M = 0.05
@@ -64,18 +59,13 @@ PLAIN: dict[str, Meaning] = {code: "clears" if code in ("inf", "above") else "no
 class LiveOptions:
     """Options of a node."""
 
-    robots: Sequence[str]
-    """their names, in the order of the team"""
-    settings_of: Callable[[float], DetectorSettings]
-    """what to detect by, on a map of so many metres per cell"""
-    pose_by_tf: bool = False
-    """whether poses are taken from tf, not from ``/NAME/pose``"""
-    mount: Pose2D | None = None
-    """of every LiDAR on its robot; None: as tf says"""
+    robots: Sequence[str]  # their names, in the order of the team
+    settings_of: Callable[[float], DetectorSettings]  # what to detect by, on a map of so many metres per cell
+    pose_by_tf: bool = False  # whether poses are taken from tf, not from ``/NAME/pose``
+    mount: Pose2D | None = None  # of every LiDAR on its robot; None: as tf says
     no_return: Mapping[str, Meaning] = field(default_factory=dict)
     """what a code of ``no_return.CODES`` says, where that is not as in :data:`PLAIN`"""
-    rate_hz: float = 5.0
-    """frames a second"""
+    rate_hz: float = 5.0  # frames a second
     patience_s: float = 1.0
     """how long a frame waits for the others once a scan of its instant or later has come"""
 
@@ -112,10 +102,8 @@ class Detected(NamedTuple):
     """The team's boxes at an instant."""
 
     stamp_ns: int
-    boxes: list[Box]
-    """map frame, metres"""
-    found_by: list[str]
-    """the robot that found each box"""
+    boxes: list[Box]  # map frame, metres
+    found_by: list[str]  # the robot that found each box
 
     @property
     def message(self) -> Message:
@@ -126,8 +114,7 @@ class Detected(NamedTuple):
 class _Placed(NamedTuple):
     """Where a robot's LiDAR is."""
 
-    where: PoseInterpolator
-    """of the robot"""
+    where: PoseInterpolator  # of the robot
     mount: Pose2D
     is_upside_down: bool
 
@@ -136,21 +123,14 @@ class _Placed(NamedTuple):
 class _Heard:
     """Of one robot."""
 
-    poses: PoseTrack = field(default_factory=PoseTrack)
-    """of its own topic"""
-    scans: list[ScanReading] = field(default_factory=list)
-    """those that are in no costmap yet, by stamp"""
-    first_ns: int | None = None
-    """stamp of the first scan"""
-    newest_ns: int = -1
-    """stamp of the last one"""
-    frame: str = ""
-    """of its scans"""
+    poses: PoseTrack = field(default_factory=PoseTrack)  # of its own topic
+    scans: list[ScanReading] = field(default_factory=list)  # those that are in no costmap yet, by stamp
+    first_ns: int | None = None  # stamp of the first scan
+    newest_ns: int = -1  # stamp of the last one
+    frame: str = ""  # of its scans
     placed: _Placed | None = None
-    sweep_rad: float = 0.0
-    """from the first to the last beam of the scans that were taken; 0 before the first"""
-    odd: int = 0
-    """scans in a row of another angle"""
+    sweep_rad: float = 0.0  # from the first to the last beam of the scans that were taken; 0 before the first
+    odd: int = 0  # scans in a row of another angle
 
     def has_odd_sweep(self, scan: ScanReading, said_rad: float) -> bool:
         """Whether a scan goes round farther or less far than those before, or the first than ``said_rad``."""

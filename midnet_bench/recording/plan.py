@@ -15,15 +15,12 @@ from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, Pos
 from midnet_bench.recording.files.survey import EVER_NS, Stream, Survey, survey
 from midnet_bench.recording.setup import RecordingSetup, mount_of
 
-TF_POSE = "tf"
-"""value of key ``pose`` for transforms"""
-ONE_ROBOT = "robot"
-"""name of the only robot of a recording"""
+TF_POSE = "tf"  # value of key ``pose`` for transforms
+ONE_ROBOT = "robot"  # name of the only robot of a recording
 AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 NO_POSE = re.compile(r"goal|initial_?pose|target|waypoint|clicked|truth|/plan", re.IGNORECASE)
 """in names of topics that say where a robot is to go or was said to be, not where it is"""
-FARTHEST_LASER_M = 100.0
-"""from its robot's middle"""
+FARTHEST_LASER_M = 100.0  # from its robot's middle
 LEAST_BEAM_ANGLE_RAD = 1e-5
 
 
@@ -33,8 +30,7 @@ class Recorded(NamedTuple):
     sources: list[Source]
     surveys: list[Survey]
     names: list[str]
-    offsets_ns: list[int]
-    """added to the times of each source"""
+    offsets_ns: list[int]  # added to the times of each source
     part_ns: tuple[int, int]
     """first and last record time of the scans that are used, by the sources' common clock"""
 
@@ -114,24 +110,17 @@ class PoseChain(NamedTuple):
 class RobotPlan(NamedTuple):
     """One laser of a recording, and the robot that carries it."""
 
-    name: str
-    """of the robot; with several lasers each has its topic besides"""
+    name: str  # of the robot; with several lasers each has its topic besides
     source: int
-    scan_topic: str
-    """its stream: the topic, with ``@FRAME`` where scans of several lasers are on it"""
+    scan_topic: str  # its stream: the topic, with ``@FRAME`` where scans of several lasers are on it
     pose: PoseChain
     mount: Pose2D
-    is_mirrored: bool
-    """whether its beams go the other way round, or it is upside down"""
-    delay_ns: int
-    """by which its scans are stamped too late"""
+    is_mirrored: bool  # whether its beams go the other way round, or it is upside down
+    delay_ns: int  # by which its scans are stamped too late
     no_return: NoReturn
-    beam_s: float
-    """from one beam to the next"""
-    carrier: str
-    """the robot's name"""
-    frame: str = ""
-    """of its scans; empty: any on the topic"""
+    beam_s: float  # from one beam to the next
+    carrier: str  # the robot's name
+    frame: str = ""  # of its scans; empty: any on the topic
 
     @property
     def topic(self) -> str:

@@ -14,11 +14,9 @@ from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 Floats = npt.NDArray[np.float64]
 Clock = Literal["header", "record"]
 
-KEPT_NS = 5 * NS
-"""poses older than the current instant by more than this are forgotten"""
+KEPT_NS = 5 * NS  # poses older than the current instant by more than this are forgotten
 FORGET_EVERY = 512
-HOLDS = 3.0
-"""usual intervals for which a slow transform, such as map -> odom, is trusted after its last word"""
+HOLDS = 3.0  # usual intervals for which a slow transform, such as map -> odom, is trusted after its last word
 
 
 class InterpolatedPose(NamedTuple):

@@ -21,12 +21,9 @@ from midnet_bench.navigation.costmap import line_steps
 Counts = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float64]
 
-MOST_CELLS = 25_000_000
-"""as many as a map may have: 250 by 250 m at 5 cm"""
-MARGIN_CELLS = 64
-"""by which the grid grows beyond what it has to hold"""
-SEEN_TWICE = 2
-"""a cell that was hit less often is no wall, whatever its share"""
+MOST_CELLS = 25_000_000  # as many as a map may have: 250 by 250 m at 5 cm
+MARGIN_CELLS = 64  # by which the grid grows beyond what it has to hold
+SEEN_TWICE = 2  # a cell that was hit less often is no wall, whatever its share
 STAYS_S, STAYS_OF_ALL, STAYS_SHARE = 4.0, 0.5, 0.5
 """what is hit so many seconds long, or that part of a shorter recording, by that share of beams, stays put"""
 
@@ -128,8 +125,7 @@ class Unmapped(NamedTuple):
     y_max_m: float
     cells: int
     hits: int
-    first_s: float
-    """when it was hit first"""
+    first_s: float  # when it was hit first
     last_s: float
 
 

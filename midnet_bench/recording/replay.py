@@ -27,29 +27,21 @@ from midnet_bench.recording.poses import InterpolatedPose, PoseInterpolator, Pos
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.setup import RecordingSetup
 
-PATIENCE_NS = NS
-"""a scan waits so long for the pose after it"""
+PATIENCE_NS = NS  # a scan waits so long for the pose after it
 HOLD_NS = NS // 3
 """with several robots a scan waits so long for others that were taken before it and come after it"""
-EXACT_ENDING = "_exact"
-"""of the topic that ``export`` writes beside a scan's: the same numbers with 64 bits"""
-LARGEST_JUMP_NS = 3600 * NS
-"""a stamp that lies farther from where the one before leaves it is no time"""
+EXACT_ENDING = "_exact"  # of the topic that ``export`` writes beside a scan's: the same numbers with 64 bits
+LARGEST_JUMP_NS = 3600 * NS  # a stamp that lies farther from where the one before leaves it is no time
 
 
 class RobotObservation(NamedTuple):
     """One robot at a frame."""
 
-    robot: int
-    """counted as the lasers are"""
-    carrier: int
-    """the robot with this laser: lasers of one robot have the same"""
-    estimate: InterpolatedPose
-    """its pose, map frame"""
-    scan: Scan | None
-    """its last one"""
-    returns: Floats
-    """(n, 2) where that scan's beams ended, map frame"""
+    robot: int  # counted as the lasers are
+    carrier: int  # the robot with this laser: lasers of one robot have the same
+    estimate: InterpolatedPose  # its pose, map frame
+    scan: Scan | None  # its last one
+    returns: Floats  # (n, 2) where that scan's beams ended, map frame
 
 
 class DetectorOutput(NamedTuple):
@@ -62,37 +54,27 @@ class DetectorOutput(NamedTuple):
 class ReplayFrame(NamedTuple):
     """One frame of a recording."""
 
-    number: int
-    """counted from 0"""
-    time_ns: int
-    """by the chosen clock"""
+    number: int  # counted from 0
+    time_ns: int  # by the chosen clock
     record_ns: int
     """when the last scan before it was recorded, or as long after as it lies behind that scan's time"""
-    scan_index: int | None
-    """which scan of its topic made it, counted from 0; None for a frame at a rate"""
-    scanned: int | None
-    """the robot that made that scan"""
+    scan_index: int | None  # which scan of its topic made it, counted from 0; None for a frame at a rate
+    scanned: int | None  # the robot that made that scan
     observed: list[RobotObservation]
     allies: list[tuple[AllyPlan, InterpolatedPose | None]]
-    fresh_allies: list[Ally]
-    """those whose poses are not too old"""
+    fresh_allies: list[Ally]  # those whose poses are not too old
     followed: list[tuple[AllyPlan, InterpolatedPose | None]]
-    outputs: dict[str, DetectorOutput]
-    """by preset"""
+    outputs: dict[str, DetectorOutput]  # by preset
 
 
 @dataclass
 class Tally:
     """Counts of scans, frames and ages of a replay, for its report."""
 
-    scans: Counter[str] = field(default_factory=Counter)
-    """robot -> scans that were taken"""
-    skipped: Counter[str] = field(default_factory=Counter)
-    """why -> scans that were not"""
-    first: dict[str, str] = field(default_factory=dict)
-    """why -> where it happened first"""
-    without_pose: int = 0
-    """of those that were not, how many had no pose near enough"""
+    scans: Counter[str] = field(default_factory=Counter)  # robot -> scans that were taken
+    skipped: Counter[str] = field(default_factory=Counter)  # why -> scans that were not
+    first: dict[str, str] = field(default_factory=dict)  # why -> where it happened first
+    without_pose: int = 0  # of those that were not, how many had no pose near enough
     oldest_pose_s: float = 0.0
     """the farthest that a scan which was taken lies from a reading that its pose is made of"""
     late_allies: Counter[str] = field(default_factory=Counter)
@@ -100,8 +82,7 @@ class Tally:
     oldest_ally_s: dict[str, float] = field(default_factory=dict)
     """ally -> the age of its oldest pose at a frame"""
     frames: int = 0
-    first_ns: int = 0
-    """time of the first frame"""
+    first_ns: int = 0  # time of the first frame
     last_ns: int = 0
 
     def skip(self, why: str, where: str) -> None:
@@ -121,8 +102,7 @@ class _Laser:
     scan: Scan | None = None
     returns: Floats = field(default_factory=lambda: np.empty((0, 2)))
     correction: Pose2D | None = None
-    exact: Floats | None = None
-    """the numbers of the scan that comes next"""
+    exact: Floats | None = None  # the numbers of the scan that comes next
     heard: int = 0
 
 
@@ -134,8 +114,7 @@ class _Pending(NamedTuple):
     laser: _Laser | None = None
     scan: ScanReading | None = None
     exact: Floats | None = None
-    number: int = -1
-    """of the scan among those of its topic"""
+    number: int = -1  # of the scan among those of its topic
 
 
 class Replay:

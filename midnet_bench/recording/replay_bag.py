@@ -21,10 +21,8 @@ from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import AT_ORIGIN, Link
 from midnet_bench.recording.replay import ReplayFrame
 
-TOPICS = "/replay"
-"""what all topics are below: a recording beside it has none of these names"""
-FORGET_S = 1.0
-"""a track without a box for so long has ended"""
+TOPICS = "/replay"  # what all topics are below: a recording beside it has none of these names
+FORGET_S = 1.0  # a track without a box for so long has ended
 
 
 class _Tracks:

@@ -30,16 +30,12 @@ log = logging.getLogger("midnet_bench")
 PUBLISHED = "/midnet/detections"
 KIND = "visualization_msgs/msg/MarkerArray"
 LOOK_EVERY_S = 0.5
-QUEUED = 10_000
-"""messages of a topic that wait to be taken, at most"""
-DEBIANS = "/usr/lib/python3/dist-packages"
-"""where Debian puts Python packages for all its Pythons"""
+QUEUED = 10_000  # messages of a topic that wait to be taken, at most
+DEBIANS = "/usr/lib/python3/dist-packages"  # where Debian puts Python packages for all its Pythons
 SCAN = "sensor_msgs/msg/LaserScan"
-LATCHED = (MAP_TOPIC, TF_STATIC)
-"""topics whose last messages come to a node that starts later"""
+LATCHED = (MAP_TOPIC, TF_STATIC)  # topics whose last messages come to a node that starts later
 LATCHED_KEPT = 100
-MOST_DOMAINS = 232
-"""the ports of a higher one are out of range"""
+MOST_DOMAINS = 232  # the ports of a higher one are out of range
 LOCAL = """<CycloneDDS><Domain Id="any">
 <General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
 <AllowMulticast>false</AllowMulticast><MaxMessageSize>65500B</MaxMessageSize></General>

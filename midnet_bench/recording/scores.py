@@ -20,8 +20,7 @@ from midnet_bench.scoring.frame_counts import (
     total,
 )
 
-OFF_WALLS_CELLS = 1.5
-"""a return this far from a mapped wall is none of its"""
+OFF_WALLS_CELLS = 1.5  # a return this far from a mapped wall is none of its
 FULL_CIRCLE_RAD = math.tau - 1e-6
 
 
@@ -31,11 +30,9 @@ class Score:
 
     counts: FrameCounts = NOTHING
     frames: int = 0
-    labelled: int = 0
-    """frames with labels, which alone are scored"""
+    labelled: int = 0  # frames with labels, which alone are scored
     boxes: int = 0
-    not_visible: int = 0
-    """labels in range that no return lies near"""
+    not_visible: int = 0  # labels in range that no return lies near
 
     def looked_at(self) -> dict[str, float | int | str]:
         """Frames and boxes: a row of the table of frames."""
@@ -72,12 +69,9 @@ class Score:
 class FrameScore(NamedTuple):
     """Of one frame with labels."""
 
-    labels: list[Label]
-    """within the setup's sector and window"""
-    in_range: list[bool]
-    """for each label, whether missing it counts"""
-    match: FrameMatch
-    """of these labels and the scored boxes"""
+    labels: list[Label]  # within the setup's sector and window
+    in_range: list[bool]  # for each label, whether missing it counts
+    match: FrameMatch  # of these labels and the scored boxes
     scored: list[int]
     """indices of the frame's boxes within sector and window; the others are neither right nor wrong"""
 

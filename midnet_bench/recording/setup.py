@@ -17,12 +17,9 @@ from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.recording_settings import Preset
 from midnet_bench.settings import Scalar
 
-LARGEST = 1e7
-"""of metres, degrees and seconds"""
-FOUND = "found"
-"""value of key ``start``: the map is searched"""
-EVERY = ""
-"""key of a value that holds for every robot"""
+LARGEST = 1e7  # of metres, degrees and seconds
+FOUND = "found"  # value of key ``start``: the map is searched
+EVERY = ""  # key of a value that holds for every robot
 
 
 def _by_name(value: Any) -> Any:

@@ -80,8 +80,7 @@ def setup_table(name: str, proposal: Proposal) -> Table:
     return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)
 
 
-LAG_S = 0.02
-"""by which the stamps of scans and poses may differ before a line says so"""
+LAG_S = 0.02  # by which the stamps of scans and poses may differ before a line says so
 
 
 def lag_lines(inputs: ReplayInputs, robot: RobotPlan) -> list[str]:
@@ -123,8 +122,7 @@ def lag_lines(inputs: ReplayInputs, robot: RobotPlan) -> list[str]:
     return lines
 
 
-AT_THE_START, AT_THE_START_SHARE = 3, 0.02
-"""so many scans before the first pose are noted, and are no fault"""
+AT_THE_START, AT_THE_START_SHARE = 3, 0.02  # so many scans before the first pose are noted, and are no fault
 
 
 def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str]:

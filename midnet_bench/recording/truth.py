@@ -16,10 +16,8 @@ from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.tables import number_in, rows_of, time_in
 from midnet_bench.scoring.frame_counts import FrameMatch
 
-SAME_NS = NS // 50
-"""a label that is no farther from a scan in time is taken for the scan's own"""
-LARGEST_GAP_NS = NS // 2
-"""labels that lie farther apart leave a gap without a label"""
+SAME_NS = NS // 50  # a label that is no farther from a scan in time is taken for the scan's own
+LARGEST_GAP_NS = NS // 2  # labels that lie farther apart leave a gap without a label
 FAR = 1e6
 
 
@@ -27,8 +25,7 @@ class Label(NamedTuple):
     """One object that is to be found."""
 
     name: str
-    x: float
-    """map frame, metres"""
+    x: float  # map frame, metres
     y: float
 
 
@@ -36,8 +33,7 @@ class Labels(NamedTuple):
     """What is known of a frame."""
 
     there: list[Label]
-    gaps: list[Label]
-    """between two labels of one object that lie too far apart in time: where it may be now"""
+    gaps: list[Label]  # between two labels of one object that lie too far apart in time: where it may be now
 
 
 class LabelTable:

@@ -9,8 +9,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Command, LidarGeometry
 from midnet_bench.plugins import Choice, ExtensionPoint
 
-Outline = tuple[tuple[float, float], ...]
-"""(x, y) of the corners in the robot's base frame, metres"""
+Outline = tuple[tuple[float, float], ...]  # (x, y) of the corners in the robot's base frame, metres
 LOWEST_SOLID_M = 0.25
 """An arena may hold walls and stationary intruders as low as this; a LiDAR's beams must meet them."""
 
@@ -19,8 +18,7 @@ class Disc(NamedTuple):
     """What the beams of other robots meet: a disc in the scan plane."""
 
     radius_m: float
-    offset_x_m: float
-    """its centre ahead of the axle"""
+    offset_x_m: float  # its centre ahead of the axle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +28,7 @@ class RobotModel:
     name: str
     body: Outline
     """all that can touch a wall or a robot, seen from above, counter-clockwise; its convex hull counts"""
-    footprint: Outline
-    """what move_base plans with: a convex polygon in order, somewhat larger than the body"""
+    footprint: Outline  # what move_base plans with: a convex polygon in order, somewhat larger than the body
     size_m: tuple[float, float] | None = None
     """length and width by its maker's data sheet, metres; None: those of ``body``"""
     radius_m: float
@@ -42,16 +39,12 @@ class RobotModel:
     max_angular_radps: float
     rim_acceleration_mps2: float = 1.0
     """how fast the speed of a wheel's rim changes; wheelAcceleration of a TurtleBot3's Gazebo plugin"""
-    wheel_torque_nm: float = 10.0
-    """wheelTorque of the same"""
+    wheel_torque_nm: float = 10.0  # wheelTorque of the same
     mass_kg: float
-    gyration_radius_m: float
-    """square root of its inertia about the vertical axis over its mass"""
+    gyration_radius_m: float  # square root of its inertia about the vertical axis over its mass
     lidar: LidarGeometry
-    lidar_height_m: float
-    """of the scan plane above the floor"""
-    seen: Disc
-    """all of it that is in the scan plane"""
+    lidar_height_m: float  # of the scan plane above the floor
+    seen: Disc  # all of it that is in the scan plane
     urdf: Path | None = None
     """its description, with the root's height below; without one the engine ``bullet`` makes a body of the
     measures above"""

@@ -21,8 +21,7 @@ Ints = npt.NDArray[np.int64]
 Booleans = npt.NDArray[np.bool_]
 Kind = Literal["miss", "false", "fragment"]
 
-WALL, NOTHING = -1, -2
-"""what a return came from that is no truth: a wall, or nothing that is known"""
+WALL, NOTHING = -1, -2  # what a return came from that is no truth: a wall, or nothing that is known
 _FIRST_ALLY = -10
 
 
@@ -41,20 +40,13 @@ def source_name(source: int, truths: Sequence[TruthObject]) -> str:
 class Marks(NamedTuple):
     """m returns of one guard, each in four places: which part of its error came from pose and range."""
 
-    source: Ints
-    """(m,) the index of a truth, :func:`ally`, ``WALL`` or ``NOTHING``"""
-    age_s: Floats
-    """(m,)"""
-    is_newest: Booleans
-    """(m,) whether it is of the guard's last scan"""
-    believed: Floats
-    """(m, 2) where the guard put it, map frame, metres"""
-    at_true_pose: Floats
-    """(m, 2) where it had put it, had it known its pose"""
-    at_true_range: Floats
-    """(m, 2) where it had put it without the noise of its range"""
-    true: Floats
-    """(m, 2) what was met"""
+    source: Ints  # (m,) the index of a truth, :func:`ally`, ``WALL`` or ``NOTHING``
+    age_s: Floats  # (m,)
+    is_newest: Booleans  # (m,) whether it is of the guard's last scan
+    believed: Floats  # (m, 2) where the guard put it, map frame, metres
+    at_true_pose: Floats  # (m, 2) where it had put it, had it known its pose
+    at_true_range: Floats  # (m, 2) where it had put it without the noise of its range
+    true: Floats  # (m, 2) what was met
 
     def where(self, chosen: Booleans | Ints) -> "Marks":
         """Those of an (m,) mask, or of these indices."""
@@ -64,46 +56,30 @@ class Marks(NamedTuple):
 class SightLines(NamedTuple):
     """What the n beams of one LiDAR would meet at the frame's instant."""
 
-    directions: Floats
-    """(n, 2) unit vectors, map frame"""
-    ranges_m: Floats
-    """(n,) inf for nothing"""
-    sources: Ints
-    """(n,) as of :class:`Marks`"""
+    directions: Floats  # (n, 2) unit vectors, map frame
+    ranges_m: Floats  # (n,) inf for nothing
+    sources: Ints  # (n,) as of :class:`Marks`
 
 
 class GuardView(NamedTuple):
     """One guard at the frame's instant: where it truly is, what it marked, and what became of that."""
 
-    guard: int
-    """index in the team"""
-    sensor: Point
-    """(x, y) of its LiDAR as it truly is, map frame, metres"""
+    guard: int  # index in the team
+    sensor: Point  # (x, y) of its LiDAR as it truly is, map frame, metres
     lines: Callable[[], SightLines]
     returns: Callable[[int], tuple[Marks, Booleans]]
     """source -> the returns of its last scan that came from there, and which are within the obstacle range"""
-    marks: Callable[[], Marks]
-    """the marked cells of its costmap; misses need none of them"""
-    shift_m: Point
-    """by which the crop moves its cells on the prior map"""
-    window: Box
-    """its costmap, map frame, metres"""
-    reach_m: float
-    """how far from a mark a cell has the cost that counts"""
-    a: OccupancyGrid | None
-    """A of Eq. 1, cropped, 0 where occupied; None if the detector has no such grid"""
-    d: OccupancyGrid | None
-    """D of Eq. 6, 255 where an intruder is"""
-    prior: OccupancyGrid | None
-    """B in full, the prior map's binary grid, 0 where occupied"""
-    disc: Ints
-    """(k, 2) columns and rows from a mark's cell to the cells that have the cost that counts"""
-    found: Sequence[Box]
-    """the boxes that it found"""
-    deflated_m: float
-    """what was taken off each side of them as soon as they were found"""
-    taken: Sequence[int | None]
-    """for each of them the index of the ally that it was removed for"""
+    marks: Callable[[], Marks]  # the marked cells of its costmap; misses need none of them
+    shift_m: Point  # by which the crop moves its cells on the prior map
+    window: Box  # its costmap, map frame, metres
+    reach_m: float  # how far from a mark a cell has the cost that counts
+    a: OccupancyGrid | None  # A of Eq. 1, cropped, 0 where occupied; None if the detector has no such grid
+    d: OccupancyGrid | None  # D of Eq. 6, 255 where an intruder is
+    prior: OccupancyGrid | None  # B in full, the prior map's binary grid, 0 where occupied
+    disc: Ints  # (k, 2) columns and rows from a mark's cell to the cells that have the cost that counts
+    found: Sequence[Box]  # the boxes that it found
+    deflated_m: float  # what was taken off each side of them as soon as they were found
+    taken: Sequence[int | None]  # for each of them the index of the ally that it was removed for
     centers_at_scan: Callable[[], Floats]
     """(truths, 2) where the truths were at its last scan; (0, 2) before the first"""
 
@@ -111,14 +87,10 @@ class GuardView(NamedTuple):
 class Cause(NamedTuple):
     """Why one error came about."""
 
-    name: str
-    """of ``error_causes``"""
-    guard: int | None = None
-    """index of the guard that it came about at; None if at none"""
-    by: str = ""
-    """what else had a part: the robot before it, or the one that left the trail"""
-    age_s: float = 0.0
-    """of the newest return that has a part"""
+    name: str  # of ``error_causes``
+    guard: int | None = None  # index of the guard that it came about at; None if at none
+    by: str = ""  # what else had a part: the robot before it, or the one that left the trail
+    age_s: float = 0.0  # of the newest return that has a part
     offset_m: float = 0.0
     """by which error of place: of the pose, the crop, the range, or how far an intruder moved"""
 
@@ -138,8 +110,7 @@ _BY_ERROR = {
     "cut": ("under_prior", "rim"),
 }
 """what :func:`_displacement` says -> the cause of a miss, and that of a box beside its intruder"""
-_OFF_GRID = 1
-"""a value that no binary grid has"""
+_OFF_GRID = 1  # a value that no binary grid has
 
 
 def miss_cause(

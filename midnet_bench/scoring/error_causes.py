@@ -6,12 +6,10 @@ from typing import Literal, NamedTuple
 UNEXPLAINED = "unexplained"
 MISS, FALSE = "miss", "false"
 Need = Literal["", "truth", "no truth", "motion"]
-TRUTH: Need = "truth"
-"""the simulator's: what each return hit, and the poses and ranges without their errors"""
+TRUTH: Need = "truth"  # the simulator's: what each return hit, and the poses and ranges without their errors
 NO_TRUTH: Need = "no truth"
 """of recordings alone, in place of the finer causes that the truth would tell apart"""
-MOTION: Need = "motion"
-"""as ``NO_TRUTH``, and from the whole recording, which shows what stays where it is"""
+MOTION: Need = "motion"  # as ``NO_TRUTH``, and from the whole recording, which shows what stays where it is
 
 
 class ErrorCause(NamedTuple):
@@ -21,8 +19,7 @@ class ErrorCause(NamedTuple):
     """``MISS``: an intruder in range has no box; ``FALSE``: a box is no intruder's, or not its first"""
     name: str
     meaning: str
-    needs: Need = ""
-    """empty: simulations and recordings both have it"""
+    needs: Need = ""  # empty: simulations and recordings both have it
 
 
 _miss, _false = partial(ErrorCause, MISS), partial(ErrorCause, FALSE)
@@ -92,8 +89,7 @@ def causes_of(kind: str, *needs: Need) -> dict[str, str]:
     return {one.name: one.meaning for one in CAUSES if one.kind == kind and one.needs in ("", *needs)}
 
 
-MISS_CAUSES, FALSE_CAUSES = causes_of(MISS, TRUTH), causes_of(FALSE, TRUTH)
-"""of simulated trials"""
+MISS_CAUSES, FALSE_CAUSES = causes_of(MISS, TRUTH), causes_of(FALSE, TRUTH)  # of simulated trials
 RECORDED_MISSES, RECORDED_BOXES = (causes_of(kind, NO_TRUTH, MOTION) for kind in (MISS, FALSE))
 """of recordings; without labels, ``RECORDED_BOXES`` says what each box is made of"""
 

@@ -24,10 +24,8 @@ class TruthObject(NamedTuple):
     """An intruder as it really is at the frame's instant, map frame, metres."""
 
     name: str
-    box: Box
-    """whatever reading of item 45 the caller takes"""
-    center: Point
-    """(x, y)"""
+    box: Box  # whatever reading of item 45 the caller takes
+    center: Point  # (x, y)
 
 
 class FrameCounts(NamedTuple):
@@ -35,20 +33,13 @@ class FrameCounts(NamedTuple):
 
     tp: int
     """boxes that touch some intruder; or one for each intruder, ``matched``, where ``tp_boxes`` says so"""
-    fp: int
-    """boxes that touch none; with ``surplus_false`` the ``duplicates`` too, so all boxes minus tp"""
-    fn: int
-    """intruders in range that no box touches"""
-    intruders_in_range: int
-    """intruders that a robot could have seen"""
-    matched: int
-    """pairs of one intruder and one box; with ``duplicates`` all boxes that touch some intruder"""
-    duplicates: int
-    """boxes left over on intruders that have theirs"""
-    missed: int
-    """intruders in range without a box of their own; above fn where one box covers two"""
-    error_sum_m: float
-    """metres from box centre to intruder centre, summed over the matched pairs"""
+    fp: int  # boxes that touch none; with ``surplus_false`` the ``duplicates`` too, so all boxes minus tp
+    fn: int  # intruders in range that no box touches
+    intruders_in_range: int  # intruders that a robot could have seen
+    matched: int  # pairs of one intruder and one box; with ``duplicates`` all boxes that touch some intruder
+    duplicates: int  # boxes left over on intruders that have theirs
+    missed: int  # intruders in range without a box of their own; above fn where one box covers two
+    error_sum_m: float  # metres from box centre to intruder centre, summed over the matched pairs
     gospa_m: float
     """metres: distances of partners, and half a metre for each miss and each false or further box"""
 
@@ -59,12 +50,9 @@ NOTHING = FrameCounts(0, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
 class FrameMatch(NamedTuple):
     """The pairs of detections and truths of a frame, by index, from which counts and explanations start."""
 
-    touched: list[list[int]]
-    """for each detection, the truths that it covers some area of"""
-    truth_of: list[int | None]
-    """for each detection, the truth it is paired with"""
-    detection_of: list[int | None]
-    """for each truth, the detection it is paired with"""
+    touched: list[list[int]]  # for each detection, the truths that it covers some area of
+    truth_of: list[int | None]  # for each detection, the truth it is paired with
+    detection_of: list[int | None]  # for each truth, the detection it is paired with
 
 
 def touches(box: Box, other: Box) -> bool:
@@ -228,22 +216,14 @@ def ratios(tp: float, fp: float, fn: float) -> Ratios:
 class Causes(NamedTuple):
     """Counts of one frame, or their sums over frames."""
 
-    fn_hidden: int
-    """of fn: no beam of any guard meets the intruder within range at this instant"""
-    fn_new: int
-    """of fn: the intruder was out of range one frame (0.2 s) before"""
-    fp_left: int
-    """of fp: where an intruder was one frame before"""
-    overlapping: int
-    """frames in which two of the fused boxes overlap"""
-    reordered: int
-    """of the frames looked at so: those with other boxes if the robots come in opposite order"""
-    looked_at: int
-    """frames in which MIDNet was also given the robots in opposite order"""
-    fn_outside_window: int
-    """of fn: no part of the intruder lies in the local costmap of any guard"""
-    fn_hidden_in_window: int
-    """of fn_hidden: those in the local costmap of some guard"""
+    fn_hidden: int  # of fn: no beam of any guard meets the intruder within range at this instant
+    fn_new: int  # of fn: the intruder was out of range one frame (0.2 s) before
+    fp_left: int  # of fp: where an intruder was one frame before
+    overlapping: int  # frames in which two of the fused boxes overlap
+    reordered: int  # of the frames looked at so: those with other boxes if the robots come in opposite order
+    looked_at: int  # frames in which MIDNet was also given the robots in opposite order
+    fn_outside_window: int  # of fn: no part of the intruder lies in the local costmap of any guard
+    fn_hidden_in_window: int  # of fn_hidden: those in the local costmap of some guard
     fn_new_in_window: int
     """of fn in the local costmap of some guard: out of range, or of every costmap, one frame before"""
 

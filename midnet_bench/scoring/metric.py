@@ -29,8 +29,7 @@ METRICS = ExtensionPoint(
     needs={"mot": "motmetrics"},
 )
 """see ``scoring/metric.py``"""
-NONE = "none"
-"""the list without any"""
+NONE = "none"  # the list without any
 
 
 def pinned_metrics(value: str) -> str:
@@ -48,26 +47,19 @@ def pinned_metrics(value: str) -> str:
     return "; ".join(pinned)
 
 
-MOST = 1e12
-"""no value is farther from 0"""
+MOST = 1e12  # no value is farther from 0
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 class MetricFrame(NamedTuple):
     """What a metric goes by. Map frame, metres; the arrays cannot be written to."""
 
-    time_s: float
-    """since the trial's start"""
-    boxes: npt.NDArray[np.float64]
-    """(n, 4) of the team: x_min, y_min, x_max, y_max"""
-    truths: tuple[TruthObject, ...]
-    """the intruders that are there"""
-    in_range: tuple[bool, ...]
-    """for each of them, whether missing it counts (item 46)"""
-    guards: npt.NDArray[np.float64]
-    """(k, 2) where the guards that have not died truly are"""
-    points: npt.NDArray[np.float64]
-    """(m, 2) where a guard may be sent; the same at each frame"""
+    time_s: float  # since the trial's start
+    boxes: npt.NDArray[np.float64]  # (n, 4) of the team: x_min, y_min, x_max, y_max
+    truths: tuple[TruthObject, ...]  # the intruders that are there
+    in_range: tuple[bool, ...]  # for each of them, whether missing it counts (item 46)
+    guards: npt.NDArray[np.float64]  # (k, 2) where the guards that have not died truly are
+    points: npt.NDArray[np.float64]  # (m, 2) where a guard may be sent; the same at each frame
 
     @property
     def touched(self) -> list[list[int]]:

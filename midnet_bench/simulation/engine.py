@@ -27,10 +27,8 @@ SIMULATORS = ExtensionPoint(
 class Beams(NamedTuple):
     """The beams of m sensors in the map frame, all in the scan plane."""
 
-    axes: Floats
-    """(m, 2) where they meet, metres"""
-    directions: Floats
-    """(m, beams, 2) unit vectors"""
+    axes: Floats  # (m, 2) where they meet, metres
+    directions: Floats  # (m, beams, 2) unit vectors
 
 
 class Engine(Protocol):

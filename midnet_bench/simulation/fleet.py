@@ -19,10 +19,8 @@ from midnet_bench.simulation.world_settings import SimulationSettings
 
 Floats = npt.NDArray[np.float64]
 
-CONTROL_HZ = 10
-"""Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
-SCAN_HZ = 5
-"""The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise."""
+CONTROL_HZ = 10  # Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation.
+SCAN_HZ = 5  # The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise.
 
 
 ScanCallback = Callable[[Sequence[MobileRobot], npt.NDArray[np.float64]], None]
@@ -33,8 +31,7 @@ class _Due(NamedTuple):
     """Robots of which something is due at one tick of a period."""
 
     robots: list[MobileRobot]
-    rows: npt.NDArray[np.int64]
-    """their indices"""
+    rows: npt.NDArray[np.int64]  # their indices
 
 
 class Fleet:

@@ -22,19 +22,15 @@ from midnet_bench.simulation.engine import Beams
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-LEAST_HZ = 120
-"""a longer tick is stepped in pieces: a body gets into another by what it drives in a step"""
-STIFFNESS = 2.0
-"""speed that a tyre lacks falls by 1 + this in a step, or as fast as its grip allows"""
+LEAST_HZ = 120  # a longer tick is stepped in pieces: a body gets into another by what it drives in a step
+STIFFNESS = 2.0  # speed that a tyre lacks falls by 1 + this in a step, or as fast as its grip allows
 GRAVITY_MPS2, GRIP = 9.81, 1.0
 WALL_FRICTION, BODY_FRICTION = 0.5, 0.25
 """MuJoCo takes the larger of both sides: 0.5 on walls, 0.25 between robots, as on the other engines"""
 IMPEDANCE = 0.99
 """of contacts, for MuJoCo's ``solimp``: the nearer to 1, the less a steady push gets into a wall"""
-STILL, ROBOTS = 0, 1
-"""groups of shapes; beams look for the first"""
-ALONG_LEFT, ALONG_RIGHT, ASIDE = range(3)
-"""the motors of a robot: both wheels roll, the axle does not slide"""
+STILL, ROBOTS = 0, 1  # groups of shapes; beams look for the first
+ALONG_LEFT, ALONG_RIGHT, ASIDE = range(3)  # the motors of a robot: both wheels roll, the axle does not slide
 
 
 class MujocoEngine:

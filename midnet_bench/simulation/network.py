@@ -16,8 +16,7 @@ Payload = TypeVar("Payload")
 class Message(Generic[Payload]):
     """What one sender said at one instant."""
 
-    stamp_s: float
-    """when it was sent"""
+    stamp_s: float  # when it was sent
     payload: Payload
 
 

@@ -25,8 +25,7 @@ from midnet_bench.simulation.world_settings import ImuSettings, LidarNoise, Lida
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-BLOCK = 64
-"""readings that are drawn at once, unless told otherwise"""
+BLOCK = 64  # readings that are drawn at once, unless told otherwise
 
 
 class NoiseBlocks:
@@ -69,12 +68,10 @@ def next_readings(normals: Floats, used: Ints, rows: Ints) -> tuple[Floats, bool
     return readings, is_used_up
 
 
-NOTHING, SOLID = -1, -2
-"""What a beam met that was no robot: nothing, a wall or a stationary intruder."""
+NOTHING, SOLID = -1, -2  # What a beam met that was no robot: nothing, a wall or a stationary intruder.
 TOO_NEAR_M = 0.0
 """The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
-_SCANS = 16
-"""of a robot whose noise is drawn at once"""
+_SCANS = 16  # of a robot whose noise is drawn at once
 
 
 @njit
@@ -98,13 +95,10 @@ def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Float
 class Errors(NamedTuple):
     """How a reported range differs from the true one, beside a factor that belongs to the sensor."""
 
-    sigma_m: float
-    """standard deviation of a range below ``near_m``; 0 for no errors at all"""
-    sigma_share: float
-    """of a range from there on, as a share of it"""
+    sigma_m: float  # standard deviation of a range below ``near_m``; 0 for no errors at all
+    sigma_share: float  # of a range from there on, as a share of it
     near_m: float
-    has_scale: bool
-    """whether the sensor's factor applies"""
+    has_scale: bool  # whether the sensor's factor applies
 
 
 ERRORS: dict[LidarNoise, Errors] = {
@@ -192,10 +186,8 @@ class NoiseFreeScan(NamedTuple):
     """What the beams of m LiDARs met at one instant, before any error of the sensors."""
 
     beams: Beams
-    ranges_m: Floats
-    """(m, beams); inf where nothing reflects within range"""
-    bodies: Ints
-    """(m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``"""
+    ranges_m: Floats  # (m, beams); inf where nothing reflects within range
+    bodies: Ints  # (m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``
 
     def of(self, row: int) -> "NoiseFreeScan":
         """That of one LiDAR, m = 1."""
@@ -204,8 +196,7 @@ class NoiseFreeScan(NamedTuple):
         return NoiseFreeScan(beams, self.ranges_m[one], self.bodies[one])
 
 
-_CELL_M = 0.04
-"""No point of a cell is this far from its middle."""
+_CELL_M = 0.04  # No point of a cell is this far from its middle.
 
 
 class LidarSensors:
@@ -404,8 +395,7 @@ def read_imus(
             readings[row, 2] += biases[row, 1] + stddevs[1] * normals[i, 1]
 
 
-TICK_RAD = 2.0 * math.pi / 4096
-"""The least turn of a wheel that its encoder tells apart."""
+TICK_RAD = 2.0 * math.pi / 4096  # The least turn of a wheel that its encoder tells apart.
 
 
 class EncoderOdometers:

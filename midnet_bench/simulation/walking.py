@@ -16,22 +16,16 @@ from midnet_bench.elementary import atan2, cos, cos_sin
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-FEET_APART_M = 0.25
-"""from one leg's middle to the other's, sideways"""
-WALK_RATIO_M_MIN = 0.0065
-"""step length in metres over steps per minute"""
+FEET_APART_M = 0.25  # from one leg's middle to the other's, sideways
+WALK_RATIO_M_MIN = 0.0065  # step length in metres over steps per minute
 ACCELERATION_MPS2 = 2.0
-TURN_RADPS = math.pi
-"""on the spot, before the first step"""
-KEEP_OFF_M = 0.35
-"""from where a walker stops to where there would be no room; a leg reaches that far ahead"""
+TURN_RADPS = math.pi  # on the spot, before the first step
+KEEP_OFF_M = 0.35  # from where a walker stops to where there would be no room; a leg reaches that far ahead
 LOOK_STEP_M = 0.1
 ARRIVED_M = 0.01
-IMPATIENT_S = 1.0
-"""A way that has been blocked for so long is given up."""
+IMPATIENT_S = 1.0  # A way that has been blocked for so long is given up.
 _TANGENT_M = 0.15
-_SLACK_M = 0.01
-"""What is this much too far away to be in the way is not looked at; more than any rounding."""
+_SLACK_M = 0.01  # What is this much too far away to be in the way is not looked at; more than any rounding.
 
 # Columns of a walker's state: its pose; its speed; its goal, NaN without one; how far along its path it is;
 # how many steps it has made; how long it has been blocked; the middles of its legs; and what never changes:

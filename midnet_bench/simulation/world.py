@@ -18,10 +18,8 @@ from midnet_bench.simulation.world_settings import WorldSettings
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-CONTACT_HZ = 10
-"""how often contacts are looked at"""
-EPISODE_GAP_S = 1.0
-"""Touching counts once until so long has passed without it."""
+CONTACT_HZ = 10  # how often contacts are looked at
+EPISODE_GAP_S = 1.0  # Touching counts once until so long has passed without it.
 
 
 class World:

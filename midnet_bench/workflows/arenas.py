@@ -32,12 +32,9 @@ from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 Floats = npt.NDArray[np.float64]
 Unknown = Literal["wall", "free"]
 
-SEEDS = 5
-"""whose layouts are tried"""
-ROOM_M2 = 0.25
-"""Less floor than this, where a Burger's centre may be, is no room."""
-SPECK_M = 0.6
-"""up to this length a piece of wall that touches no other may be dirt or a letter"""
+SEEDS = 5  # whose layouts are tried
+ROOM_M2 = 0.25  # Less floor than this, where a Burger's centre may be, is no room.
+SPECK_M = 0.6  # up to this length a piece of wall that touches no other may be dirt or a letter
 SHOWN_SPECKS = 5
 _BEAMS = 180
 _STEP_M = 0.05
@@ -124,21 +121,16 @@ def _text(dark: OccupancyGrid, path: Path, heading: list[str]) -> str:
 class Fault(NamedTuple):
     """Something that is wrong with an arena."""
 
-    text: str
-    """a line"""
-    at: Point | None
-    """where, metres, map frame"""
+    text: str  # a line
+    at: Point | None  # where, metres, map frame
 
 
 class ClosedFloor(NamedTuple):
     """A piece of floor that no robot can enter."""
 
-    area_m2: float
-    """where a Burger's centre could be"""
-    at: Point
-    """a place in it, metres, map frame"""
-    is_outside: bool
-    """whether it reaches the enclosure's edge"""
+    area_m2: float  # where a Burger's centre could be
+    at: Point  # a place in it, metres, map frame
+    is_outside: bool  # whether it reaches the enclosure's edge
 
 
 class CheckedArena(NamedTuple):

@@ -12,8 +12,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.workflows.shipped import shipped_folder
 
-RECORDED_TRIALS = 4
-"""a detection campaign of up to so many trials is recorded by default"""
+RECORDED_TRIALS = 4  # a detection campaign of up to so many trials is recorded by default
 
 
 def packaged_campaigns() -> dict[str, Path]:

@@ -47,16 +47,12 @@ from midnet_bench.simulation.world_settings import WorldSettings
 
 TEAM, FULL_TEAM, FRAMES, WARM_UP, SEED = 4, 20, 23, 25, 3001
 """A prime number of frames: plug-ins with a period do not look repeatable."""
-LIMIT_S = 60.0
-"""of a short trial in another process"""
+LIMIT_S = 60.0  # of a short trial in another process
 OFF_MAP_M, LARGEST_M = 1.0, 5.0
 """A box farther off the map, or with a longer side, is in other units or another frame."""
-NEAR_M = 0.5
-"""from where a guard is sent to the nearest point of the patrol"""
-MAX_OFF_M, MAX_SHARE_OFF = 1e-3, 0.01
-"""Beams may graze a corner in one engine and pass it in another."""
-SLOW_MPS, SLOW_RADPS = 0.02, 0.05
-"""allowed error of a robot's velocity, beside a tenth of the command"""
+NEAR_M = 0.5  # from where a guard is sent to the nearest point of the patrol
+MAX_OFF_M, MAX_SHARE_OFF = 1e-3, 0.01  # Beams may graze a corner in one engine and pass it in another.
+SLOW_MPS, SLOW_RADPS = 0.02, 0.05  # allowed error of a robot's velocity, beside a tenth of the command
 SHORT: Mapping[str, Scalar] = {"engine": "fast", "robots": 3, "frames": 10}
 CHASE: Mapping[str, Scalar] = {
     "engine": "fast",
@@ -72,12 +68,9 @@ CHASE: Mapping[str, Scalar] = {
 class Checked:
     """The result of a check."""
 
-    seam: str
-    """option that the plug-in is for"""
-    name: str
-    """what was checked, with its pin"""
-    faults: list[str]
-    """a line for each; empty without faults"""
+    seam: str  # option that the plug-in is for
+    name: str  # what was checked, with its pin
+    faults: list[str]  # a line for each; empty without faults
     frame_ms: float | None
     """median time of a frame of four robots; None with faults, or where frames do not call it"""
 
@@ -87,12 +80,10 @@ class Frame:
     """What plug-ins get at one frame of a recorded trial; its arrays cannot be written to."""
 
     observations: list[Observation]
-    boxes: list[BoxArray]
-    """by robot, without allies"""
+    boxes: list[BoxArray]  # by robot, without allies
     time_s: float
     targets: Mapping[int, TargetState] = field(default_factory=dict)
-    guard: int = 0
-    """that needs its next point"""
+    guard: int = 0  # that needs its next point
     seen: MetricFrame | None = None
 
     @property
@@ -107,12 +98,9 @@ class Recording(NamedTuple):
 
     frames: list[Frame]
     prior_map: OccupancyGrid
-    range_m: float
-    """up to which an intruder has to be found"""
-    points: npt.NDArray[np.float64]
-    """(n, 2) of the patrol, metres, map frame"""
-    paper_ms: float
-    """median time of the paper's detector and fusion"""
+    range_m: float  # up to which an intruder has to be found
+    points: npt.NDArray[np.float64]  # (n, 2) of the patrol, metres, map frame
+    paper_ms: float  # median time of the paper's detector and fusion
 
 
 Answers = list[npt.NDArray[np.float64]]

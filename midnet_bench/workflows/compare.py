@@ -35,8 +35,7 @@ from midnet_bench.workflows.shipped import installed, shipped_folder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CAMPAIGN = "campaign"
-"""the column of a frame of scores of several campaigns"""
+CAMPAIGN = "campaign"  # the column of a frame of scores of several campaigns
 COLUMNS = (
     *("trial", "measure", "difference", "low", "high", "n", "seeds", "outlier_seed", "p_holm", "verdict"),
     "setting",
@@ -45,10 +44,8 @@ COLUMNS = (
 HOW = f"on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
 NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS, PURSUITS))
 """factors that are ranked unless others are given"""
-HIDDEN = ("seeds", "p_holm", "outlier_seed")
-"""columns of differences that a terminal may leave out"""
-FEWEST = 3
-"""values of a factor whose curve the report draws by itself"""
+HIDDEN = ("seeds", "p_holm", "outlier_seed")  # columns of differences that a terminal may leave out
+FEWEST = 3  # values of a factor whose curve the report draws by itself
 MOST_SETTINGS, MAX_SHOWN = 4, 60
 """settings that a line names; characters of a setting's value, which may be a whole arena"""
 TABLES = {"smoke-detection": ("scores", "robots"), "smoke-labyrinth": ("trial", "intruders", "robots")}
@@ -64,10 +61,8 @@ class Comparison(NamedTuple):
     """Campaigns side by side."""
 
     experiment: Experiment
-    campaigns: Mapping[str, Results]
-    """by name, the baseline first"""
-    tables: list[Table]
-    """for files and programs: the experiment's own, ``differences`` and ``settings``"""
+    campaigns: Mapping[str, Results]  # by name, the baseline first
+    tables: list[Table]  # for files and programs: the experiment's own, ``differences`` and ``settings``
 
     @property
     def differences(self) -> Table:

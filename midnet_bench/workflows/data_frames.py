@@ -19,8 +19,7 @@ from midnet_bench.workflows import compare as comparison
 from midnet_bench.workflows import errors as causes
 from midnet_bench.workflows import verify as claims
 
-Folder = str | Path | Results
-"""a campaign's folder, or its results"""
+Folder = str | Path | Results  # a campaign's folder, or its results
 Plugin = Callable[..., Any]
 
 

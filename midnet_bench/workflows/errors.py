@@ -19,8 +19,7 @@ from midnet_bench.experiments.registry import tables_of
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 from midnet_bench.workflows.render import render_trial
 
-WORST = 10
-"""frames that ``errors`` names"""
+WORST = 10  # frames that ``errors`` names
 FRAME_S = 0.2
 NAMES = {
     "miss": ("missed", "miss", "misses"),

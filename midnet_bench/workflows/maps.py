@@ -49,23 +49,18 @@ SET_BY_EXACT = ("resolution_m", *PRIOR_MAP_PARAMETERS)
 class MadeMap(NamedTuple):
     """A map that was made and written."""
 
-    grid: OccupancyGrid
-    """int8: 100 occupied, 0 free, -1 unknown, map frame"""
-    files: list[Path]
-    """the map first"""
+    grid: OccupancyGrid  # int8: 100 occupied, 0 free, -1 unknown, map frame
+    files: list[Path]  # the map first
     warnings: list[str]
-    scores: Table | None = None
-    """one row, of an exploration"""
+    scores: Table | None = None  # one row, of an exploration
 
 
 @dataclass(frozen=True)
 class MapFiles:
     """The paths of a map's files."""
 
-    map: Path
-    """its YAML file"""
-    prefix: str
-    """of the names of all files that are not called after the map"""
+    map: Path  # its YAML file
+    prefix: str  # of the names of all files that are not called after the map
 
     @classmethod
     def at(cls, output: Path) -> "MapFiles":

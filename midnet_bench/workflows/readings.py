@@ -11,14 +11,10 @@ READINGS = Path(__file__).parent.parent / "docs" / "readings.md"
 class Reading:
     """One row of ``readings.md``."""
 
-    item: str
-    """its number; two are joined by a comma"""
-    open: str
-    """what the paper leaves open"""
-    reading: str
-    """what midnet-bench does by default"""
-    source: str
-    """where that is from"""
+    item: str  # its number; two are joined by a comma
+    open: str  # what the paper leaves open
+    reading: str  # what midnet-bench does by default
+    source: str  # where that is from
 
 
 def readings_of(key: str) -> list[Reading]:

@@ -15,8 +15,7 @@ from midnet_bench.experiments import registry
 from midnet_bench.io.files import write_atomically
 
 DEFAULT_FRAME = 100
-MAX_SPEED = 12.0
-"""60 pictures a second, more than that no browser shows."""
+MAX_SPEED = 12.0  # 60 pictures a second, more than that no browser shows.
 
 Progress = Callable[[int, int], None]
 """Called after each frame: how many are done, how many there are at most."""

@@ -51,8 +51,7 @@ class Replayed:
 
     tables: list[Table]
     files: list[Path]
-    faults: list[str]
-    """what does not fit or could not be read; results are there all the same"""
+    faults: list[str]  # what does not fit or could not be read; results are there all the same
 
 
 def replay(

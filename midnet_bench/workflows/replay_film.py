@@ -19,10 +19,8 @@ from midnet_bench.recording.scores import FrameScore, Score
 from midnet_bench.robots.model import Outline
 from midnet_bench.scoring.frame_counts import ratios
 
-LEAST_WALL_CELLS = 3
-"""an outline of fewer cells is left out of the picture of the place"""
-LABEL_M = 0.3
-"""side of the square that stands for a label, of which only the middle is known"""
+LEAST_WALL_CELLS = 3  # an outline of fewer cells is left out of the picture of the place
+LABEL_M = 0.3  # side of the square that stands for a label, of which only the middle is known
 SPEED = 1.0
 
 

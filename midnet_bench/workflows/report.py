@@ -23,15 +23,11 @@ if TYPE_CHECKING:
 
     from midnet_bench.page.page import Picture
 
-REFERENCE = "results/reference"
-"""where a checkout has the results that the package reports"""
-FORMATS = ("png", "svg")
-"""of figures, unless others are given"""
+REFERENCE = "results/reference"  # where a checkout has the results that the package reports
+FORMATS = ("png", "svg")  # of figures, unless others are given
 PAGE = "report.html"
-RECORDED = "recorded"
-"""the table of trials that were recorded"""
-COUNTERFACTUALS = "counterfactuals"
-"""the table with a separate chapter"""
+RECORDED = "recorded"  # the table of trials that were recorded
+COUNTERFACTUALS = "counterfactuals"  # the table with a separate chapter
 
 
 def write_report(

@@ -34,11 +34,9 @@ from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.arenas import check as checked_arena
 
 MOST_ROBOTS = 20
-MOST_TRIALS = 400
-"""of each team size, unless others are given"""
+MOST_TRIALS = 400  # of each team size, unless others are given
 USUAL_ESCAPE_M = 12.0
-NOWHERE = Path("/nonexistent")
-"""the folder of a plan that goes by no earlier trials"""
+NOWHERE = Path("/nonexistent")  # the folder of a plan that goes by no earlier trials
 OWN_KEYS = ("robots", "intruders", "time_limit_s", "start_at", "escape_at", "ends")
 """parameters that the question itself decides"""
 
@@ -47,17 +45,14 @@ OWN_KEYS = ("robots", "intruders", "time_limit_s", "start_at", "escape_at", "end
 class Question:
     """How many robots for a building."""
 
-    arena: str
-    """a packaged arena, or a YAML file"""
+    arena: str  # a packaged arena, or a YAML file
     within_s: float = 60.0
     """counted from the instant when the intruder stands at its entrance and the guards at their starts"""
     probability: float = 0.9
-    capture: bool = False
-    """whether the intruder is to be caught, not only found"""
+    capture: bool = False  # whether the intruder is to be caught, not only found
     entrances: str | None = None
     """``doors``, ``anywhere``, or places ``X,Y``; None: doors if the outer wall has a gap, else anywhere"""
-    parameters: Mapping[str, Scalar] = field(default_factory=dict)
-    """further parameters of the labyrinth test"""
+    parameters: Mapping[str, Scalar] = field(default_factory=dict)  # further parameters of the labyrinth test
     most_trials: int = MOST_TRIALS
     base_seed: int = 1
 
@@ -88,21 +83,17 @@ class Team(NamedTuple):
     """One team size and its trials."""
 
     robots: int
-    time_s: dict[int, float]
-    """seed -> when the intruder was found or caught; NaN if it was not in time"""
+    time_s: dict[int, float]  # seed -> when the intruder was found or caught; NaN if it was not in time
     probability: Estimate
-    is_enough: bool | None
-    """None: the most trials cannot tell"""
+    is_enough: bool | None  # None: the most trials cannot tell
 
 
 class Answer(NamedTuple):
     """What the trials say."""
 
     question: Question
-    teams: list[Team]
-    """those that were tried, in order of their size"""
-    entrances: dict[int, Point]
-    """seed -> where the intruder started, metres, map frame"""
+    teams: list[Team]  # those that were tried, in order of their size
+    entrances: dict[int, Point]  # seed -> where the intruder started, metres, map frame
 
     @property
     def smallest(self) -> Team | None:

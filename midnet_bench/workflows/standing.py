@@ -31,15 +31,11 @@ from midnet_bench.workflows.check import detector_ms
 from midnet_bench.workflows.shipped import shipped_folder
 
 PAPER = ("midnet", "paper", "paper")
-METHOD = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS))
-"""the parameters that make a method"""
-SCORE, BESIDE = "f1_one_to_one", "gospa_per_frame_m"
-"""what methods are sorted by, and what stands beside it"""
+METHOD = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS))  # the parameters that make a method
+SCORE, BESIDE = "f1_one_to_one", "gospa_per_frame_m"  # what methods are sorted by, and what stands beside it
 NAME, COSTS, YOURS = "leaderboard", "cost", " (yours)"
-LEFT_OUT = ("seeds", "outlier_seed", "p_holm")
-"""columns that the page does without"""
-DIGITS = 8
-"""of a row's digest"""
+LEFT_OUT = ("seeds", "outlier_seed", "p_holm")  # columns that the page does without
+DIGITS = 8  # of a row's digest
 
 
 def reference_folder() -> Path:

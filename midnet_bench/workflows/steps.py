@@ -26,15 +26,12 @@ STYLE = "body{font:16px/1.5 sans-serif;max-width:62em;margin:2em auto;padding:0 
 class ExplainedFrame(NamedTuple):
     """A frame of a trial or a recording with all that the page shows of it."""
 
-    title: str
-    """of which trial or recording, and when"""
+    title: str  # of which trial or recording, and when
     prior_map: OccupancyGrid
-    observations: Sequence[Observation]
-    """of each robot, in index order"""
+    observations: Sequence[Observation]  # of each robot, in index order
     explanation: Explanation
     settings: MIDNetSettings
-    has_paper_fusion: bool
-    """whether Algorithms 3 and 4 fused the boxes"""
+    has_paper_fusion: bool  # whether Algorithms 3 and 4 fused the boxes
 
 
 def steps_of_trial(

@@ -20,8 +20,7 @@ from midnet_bench.robots.burger import LDS_01
 
 LIDAR = LDS_01
 AREA = MapWindow.around_origin(8.0, 4.0, 0.05)
-HALF_M = 1.5
-"""of the square room that everybody here stands in"""
+HALF_M = 1.5  # of the square room that everybody here stands in
 
 
 def explorer(start: Pose2D, number: int = 1) -> Explorer:

@@ -11,8 +11,7 @@ from typing import Any
 from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec, run_alone
 from midnet_bench.errors import InputError
 
-HOARD: list[bytes] = []
-"""what a worker never gives back"""
+HOARD: list[bytes] = []  # what a worker never gives back
 
 
 def run_trials(specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:

@@ -14,8 +14,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.robots.burger import LDS_01
 
-HALF_M = 2.0
-"""from the middle of the room to its walls"""
+HALF_M = 2.0  # from the middle of the room to its walls
 RANGE_M = 2.5
 
 

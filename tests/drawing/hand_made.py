@@ -15,8 +15,7 @@ from midnet_bench.scoring.frame_counts import TruthObject, match_frame
 
 GUARDS = 3
 LOCAL_SIZE_M = 4.0
-GHOST = Box.square(-1.0, -2.4, 0.3)
-"""marked in the costmaps where nothing stands"""
+GHOST = Box.square(-1.0, -2.4, 0.3)  # marked in the costmaps where nothing stands
 
 
 @cache

@@ -27,8 +27,7 @@ FRAMES, FRAME_S = 400, 0.2
 LIDAR_BACK_M, RADIUS_M = 0.032, 0.055
 """a Burger's LiDAR behind its axle, and the radius of what other LiDARs see of it"""
 RANGE_M, WINDOW_M, CELL_M, REACH_M = 2.5, 3.0, 0.05, 0.105
-ROUNDED_M = 0.0011
-"""how far recorded sides can be off, one from the other"""
+ROUNDED_M = 0.0011  # how far recorded sides can be off, one from the other
 ENOUGH, AGREE = 20, 0.95
 """errors of one cause from which on it is compared, and the share of them that has to agree"""
 

@@ -21,8 +21,7 @@ from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, UNEXPLA
 
 pytestmark = pytest.mark.slow
 
-LATE_SCANS = 3
-"""the seed of a guard whose last scan is 0.167 s old at a frame"""
+LATE_SCANS = 3  # the seed of a guard whose last scan is 0.167 s old at a frame
 
 
 def box(x: float, y: float, side_m: float, width_m: float | None = None) -> Row:
@@ -92,8 +91,7 @@ def test_an_intruder_in_full_sight_is_found() -> None:
 
 RUNNER = room(runner=((1.0, -1.0), (1.0, 1.0)))
 RIM = room(box(1.8, 0.0, 0.1), side_m=4.0, start=(0.8, 0.0))
-THIN = {"thresh_local": 100}
-"""only the cell of a return itself counts"""
+THIN = {"thresh_local": 100}  # only the cell of a return itself counts
 THIN_WALLS = {**THIN, "thresh_global": 100, "patrol_clearance_m": 0.2}
 
 ALONE: dict[str, tuple[Arena, Options, Mapping[tuple[str, str], int]]] = {

@@ -18,15 +18,11 @@ import midnet_bench
 CPU_S = 5
 MEMORY_BYTES = 800 << 20
 """resident, on top of what the forked process has already: 1 GB with this package and its libraries"""
-WALL_S = 600
-"""after which a command hangs that needs no processor time"""
+WALL_S = 600  # after which a command hangs that needs no processor time
 FILE_BYTES = 500_000_000
-LONGEST = 300
-"""letters of the line that refuses an input"""
-VERBOSE = f"midnet-bench {midnet_bench.__version__}: "
-"""what ``--verbose`` says first: the command"""
-ESCAPED = 70
-"""exit code of a command that an exception has escaped from"""
+LONGEST = 300  # letters of the line that refuses an input
+VERBOSE = f"midnet-bench {midnet_bench.__version__}: "  # what ``--verbose`` says first: the command
+ESCAPED = 70  # exit code of a command that an exception has escaped from
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _FIRST_PATH = ("os.mkdir", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree", "sqlite3.connect")
 _BOTH_PATHS = ("os.rename", "os.link", "os.symlink")
@@ -36,15 +32,11 @@ _BOTH_PATHS = ("os.rename", "os.link", "os.symlink")
 class Ended:
     """How a command ended."""
 
-    code: int
-    """of the exit; negative: the signal that killed it"""
+    code: int  # of the exit; negative: the signal that killed it
     stderr: str
-    outside: str
-    """the first path that it tried to write to and should not, or nothing"""
-    peak_bytes: int
-    """resident"""
-    inherited_bytes: int
-    """of these, what the forked process had resident"""
+    outside: str  # the first path that it tried to write to and should not, or nothing
+    peak_bytes: int  # resident
+    inherited_bytes: int  # of these, what the forked process had resident
     cpu_s: float
 
     def find(self, good_codes: Sequence[int] = (0,)) -> str:

@@ -31,8 +31,7 @@ from tests.fuzz import mutations, originals, recordings
 from tests.fuzz.mutations import chance, pick, text_file
 
 Random = random.Random
-DRAWN = 0.03
-"""share of the cases whose pictures are drawn, which takes longer than all else"""
+DRAWN = 0.03  # share of the cases whose pictures are drawn, which takes longer than all else
 
 
 @dataclass(frozen=True)
@@ -40,13 +39,10 @@ class Case:
     """A command on a mutated input that lies in its working folder."""
 
     call: Callable[[], None]
-    words: str
-    """the command line, or what stands for it"""
-    may_write: Sequence[str]
-    """in the working folder; "." is all of it"""
+    words: str  # the command line, or what stands for it
+    may_write: Sequence[str]  # in the working folder; "." is all of it
     good_codes: Sequence[int] = (0,)
-    names: Sequence[str] = ()
-    """paths that the user asks it to write to"""
+    names: Sequence[str] = ()  # paths that the user asks it to write to
 
 
 def command(*arguments: str, writes: Sequence[str] = (), good_codes: Sequence[int] = (0,)) -> Case:

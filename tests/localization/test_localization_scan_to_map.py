@@ -15,8 +15,7 @@ from midnet_bench.robots.burger import LDS_01
 
 LIDAR = LDS_01
 CELL_M = 0.05
-WALL_M = 0.3
-"""how thick a room's wall is drawn; its face lies in the first of its cells"""
+WALL_M = 0.3  # how thick a room's wall is drawn; its face lies in the first of its cells
 
 
 def room(width_m, height_m, face_at=0.5, outside=0, cell_m=CELL_M):

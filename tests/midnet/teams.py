@@ -19,8 +19,7 @@ from midnet_bench.midnet.pipeline import Detection
 
 class AllyRemoval(NamedTuple):
     kept: list[list[Detection]]
-    removed: list[tuple[Detection, int]]
-    """and the ally"""
+    removed: list[tuple[Detection, int]]  # and the ally
 
 
 def of(robot: int, *boxes: Box) -> list[Detection]:

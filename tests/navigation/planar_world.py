@@ -115,8 +115,7 @@ class Robot:
     pose: Pose2D
     velocity: Command = STOP
     travelled_m: float = 0.0
-    hits: int = 0
-    """control periods that ended with the body in a wall or in another robot"""
+    hits: int = 0  # control periods that ended with the body in a wall or in another robot
 
 
 def drive(

@@ -398,8 +398,7 @@ def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
 # Trajectory Rollout
 
 
-ROBOT = (1.0, 2.0, 20.0)
-"""accelerations, and the cells of a metre"""
+ROBOT = (1.0, 2.0, 20.0)  # accelerations, and the cells of a metre
 
 
 def rollout_total(

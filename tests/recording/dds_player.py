@@ -29,8 +29,7 @@ from midnet_bench.recording.ros_node import LATCHED, LOCAL, idl_type, of_bytes
 
 SPEED = 6.0
 PATIENCE_S = 60.0
-LAST_S = 4.0
-"""so long after the last message frames are waited for"""
+LAST_S = 4.0  # so long after the last message frames are waited for
 SCAN, MARKERS = "sensor_msgs/msg/LaserScan", "visualization_msgs/msg/MarkerArray"
 TIME = make_idl_struct("Time_", "builtin_interfaces.msg.dds_.Time_", {"sec": int32, "nanosec": uint32})
 HEADER = make_idl_struct("Header_", "std_msgs.msg.dds_.Header_", {"stamp": TIME, "frame_id": str})

@@ -163,8 +163,7 @@ def recorded(name):
     return np.array(times_s), np.array(scans), lidar, Way(table[:, 0], table[:, 1:])
 
 
-TRUE_MOUNT = Pose2D(-0.153, 0.021, 0.0065)
-"""of the shared recordings, as their meta.yaml has it"""
+TRUE_MOUNT = Pose2D(-0.153, 0.021, 0.0065)  # of the shared recordings, as their meta.yaml has it
 
 
 def recorded_samples(name, turned_rad=0.0):

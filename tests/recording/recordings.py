@@ -32,11 +32,9 @@ from tests.cli.command import rows
 from tests.recording.recorded_drives import BARE, MOUNT, WALLS, cast, room, way
 
 NS = 1_000_000_000
-BEGIN_S = 1_600_000_000.0
-"""of all recordings, seconds of the epoch"""
+BEGIN_S = 1_600_000_000.0  # of all recordings, seconds of the epoch
 CONTAINERS = ("ros1", "ros1-bz2", "ros1-lz4", "ros2", "mcap", "csv")
-MOUNT_DEG = [MOUNT.x, MOUNT.y, math.degrees(MOUNT.yaw)]
-"""of the laser of all drives, as a setup has it"""
+MOUNT_DEG = [MOUNT.x, MOUNT.y, math.degrees(MOUNT.yaw)]  # of the laser of all drives, as a setup has it
 LEAD_S = 10.0
 """where on its way the robot is when a recording begins; who is before or behind it goes the same way"""
 
@@ -103,8 +101,7 @@ class Drive:
 
     seconds: float = 5.0
     rate_hz: float = 10.0
-    lidar: LidarGeometry = field(default_factory=lidar_of)
-    """without its mount"""
+    lidar: LidarGeometry = field(default_factory=lidar_of)  # without its mount
     mount: Pose2D = MOUNT
     upside_down: bool = False
     movers: dict[str, Mover] = field(default_factory=dict)
@@ -112,8 +109,7 @@ class Drive:
     """seconds -> where it is; None: on the way of the drawn drives"""
     noise_m: float = 0.005
     walls: np.ndarray = field(default_factory=lambda: WALLS)
-    sweep_s: float = 0.0
-    """from the first beam to the last"""
+    sweep_s: float = 0.0  # from the first beam to the last
     pose_rate_hz: float = 50.0
     seed: int = 1
 

@@ -23,10 +23,8 @@ from tests.recording.recorded_drives import rectangle, room
 from tests.recording.recordings import Drive, apart_m, played
 
 DRIVE = Drive(seconds=8.0, movers={"red": made.on_the_way(6.0)})
-ODOM_IN_MAP = Pose2D(6.0, -9.0, 2.5)
-"""no search about the poses' own place finds that"""
-UNTIL_APART_M = 0.15
-"""of boxes by true poses: three cells"""
+ODOM_IN_MAP = Pose2D(6.0, -9.0, 2.5)  # no search about the poses' own place finds that
+UNTIL_APART_M = 0.15  # of boxes by true poses: three cells
 
 
 def by_odometry(drive, kind):

@@ -28,8 +28,7 @@ FRAMES, SEED = 30, 3
 TEAM: dict[str, Scalar] = {"robots": 5, "frames": FRAMES, "engine": "fast"}
 NAMES = [f"guard_{number}" for number in range(1, 6)]
 NS = 1_000_000_000
-PATIENCE_S = 30.0
-"""until a program of ROS must have answered"""
+PATIENCE_S = 30.0  # until a program of ROS must have answered
 
 HAS_ROSPY = importlib.util.find_spec("rospy") is not None or (Path(DEBIANS) / "rospy").is_dir()
 MISSING = [name for name in ("roscore", "rosbag") if shutil.which(name) is None]

@@ -13,8 +13,7 @@ from midnet_bench.scoring.frame_counts import TruthObject
 
 RESOLUTION_M = 0.05
 REACH_M = 0.1
-HALF_M = 2.0
-"""the prior map reaches so far from the origin, to all four sides"""
+HALF_M = 2.0  # the prior map reaches so far from the origin, to all four sides
 _STEPS = range(-2, 3)
 DISC = np.array([(x, y) for x in _STEPS for y in _STEPS if math.hypot(x, y) * RESOLUTION_M <= REACH_M])
 _NOBODY: Point = (0.0, 0.0)

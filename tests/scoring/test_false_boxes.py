@@ -13,10 +13,8 @@ from tests.scoring.guard_views import guard_view, intruder, returns
 
 HERE, FAR = intruder(1.0, 0.0), intruder(-1.0, 0.0)
 SEEN = (0.975, 0.025)
-BRICKS = Box(1.0, -1.0, 2.0, 1.0)
-"""what the inflated prior map covers of a wall"""
-FACE = (1.225, 0.025)
-"""on the wall: none of its cells is seen"""
+BRICKS = Box(1.0, -1.0, 2.0, 1.0)  # what the inflated prior map covers of a wall
+FACE = (1.225, 0.025)  # on the wall: none of its cells is seen
 BRICKED: dict[str, Any] = {"walls": [BRICKS], "truth": FAR}
 
 

@@ -33,8 +33,7 @@ def one(expected: Cause, *scans: Marks, **view: Any) -> Scene:
 
 
 MET = returns(0, SEEN)
-ANY = Cause(UNEXPLAINED)
-"""where a test says itself what is expected"""
+ANY = Cause(UNEXPLAINED)  # where a test says itself what is expected
 COVERING, LEAVING_A_RIM = Box(0.8, -0.2, 1.2, 0.2), Box(0.9, -0.2, 1.2, 0.2)
 SCENES = {
     "occluded": Scene(

@@ -27,8 +27,7 @@ def shown_on(page: str) -> str:
     return (HOWTO / page).read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
 
 
-OWN_ENGINE = shown_on("engine.md")
-"""an engine of somebody else's, in pure numpy"""
+OWN_ENGINE = shown_on("engine.md")  # an engine of somebody else's, in pure numpy
 OWN_ROBOT = shown_on("robot.md")
 
 
@@ -39,13 +38,11 @@ def world_on(
 
 
 BulletWorld, FastWorld, MujocoWorld = (partial(world_on, name) for name in ("bullet", "fast", "mujoco"))
-WORLDS = {"bullet": BulletWorld, "fast": FastWorld, "mujoco": MujocoWorld}
-"""the engines by name"""
+WORLDS = {"bullet": BulletWorld, "fast": FastWorld, "mujoco": MujocoWorld}  # the engines by name
 NEEDS_MUJOCO = pytest.mark.skipif(
     find_spec("mujoco") is None, reason="the extra midnet-bench[mujoco] is not installed"
 )
-ENGINES = ("bullet", "fast", pytest.param("mujoco", marks=NEEDS_MUJOCO))
-"""their names, for tests of each"""
+ENGINES = ("bullet", "fast", pytest.param("mujoco", marks=NEEDS_MUJOCO))  # their names, for tests of each
 
 
 def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed: int = 1) -> Layout:

@@ -11,8 +11,7 @@ from midnet_bench.simulation.world_settings import ImuSettings, OdometrySettings
 from tests.simulation.scenes import BulletWorld, run, scene
 
 RADIUS_M, SEPARATION_M = BURGER.wheel_radius_m, BURGER.wheel_separation_m
-ONE = np.zeros(1, dtype=np.int64)
-"""the row of a robot that is alone"""
+ONE = np.zeros(1, dtype=np.int64)  # the row of a robot that is alone
 PERFECT = OdometrySettings(radius_error=0.0, separation_error=0.0, slip_m_per_sqrt_m=0.0)
 
 

@@ -23,10 +23,8 @@ from tests.simulation.scenes import (
     scene,
 )
 
-SAME_M = 1e-9
-"""What counts as a difference, and how far ``fast`` may be from the exact distance: it rounds."""
-WRONG_M = 1e-6
-"""PyBullet computes in single precision near a side's ends; from here on it is wrong."""
+SAME_M = 1e-9  # What counts as a difference, and how far ``fast`` may be from the exact distance: it rounds.
+WRONG_M = 1e-6  # PyBullet computes in single precision near a side's ends; from here on it is wrong.
 
 
 def exact_m(sides: np.ndarray, axis, direction, near_m: float, far_m: float) -> float:

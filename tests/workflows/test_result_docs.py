@@ -18,12 +18,10 @@ from midnet_bench.workflows.verify import power_report, verify
 REPOSITORY = Path(__file__).parents[2]
 REFERENCES = REPOSITORY / "results" / "reference"
 PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
-ONE_LINE_EACH = re.sub(r"(?<!\n)\n(?!\n)", " ", PAGE)
-"""the page with each paragraph on a line"""
+ONE_LINE_EACH = re.sub(r"(?<!\n)\n(?!\n)", " ", PAGE)  # the page with each paragraph on a line
 TABLES = {**TIMING_TABLE, **MAPPING, **LABYRINTH, **DETECTION}
 """whose paragraphs are made from their declarations"""
-OPTIONAL = {"variant", "role"}
-"""columns that not every campaign has"""
+OPTIONAL = {"variant", "role"}  # columns that not every campaign has
 
 
 def described(table: str) -> set[str]:

@@ -19,14 +19,10 @@ from midnet_bench.experiments.detection.tables import (
     paper_of,
 )
 
-TOLERANCE = 0.05
-"""how near a mean counts as the paper's"""
-COUNT_TOLERANCE = 0.10
-"""how near a count per frame does, as a share of the paper's"""
-MINOR = 0.10
-"""the most that a cause "not expected to be significant" may have of the errors"""
-NEVER = 0.01
-"""the share of frames below which something counts as not happening"""
+TOLERANCE = 0.05  # how near a mean counts as the paper's
+COUNT_TOLERANCE = 0.10  # how near a count per frame does, as a share of the paper's
+MINOR = 0.10  # the most that a cause "not expected to be significant" may have of the errors
+NEVER = 0.01  # the share of frames below which something counts as not happening
 
 RISES = {
     "recall": True,

@@ -9,8 +9,7 @@ from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.drawing.charts import STYLES, Panel, Style, axis_label, panel_figure
 from midnet_bench.experiments.detection.tables import SCORES, SHOWN, Team, cells_of, paper_of
 
-MOST_CELLS = 60
-"""that a figure shows one beside the other"""
+MOST_CELLS = 60  # that a figure shows one beside the other
 PAPER_STYLE = Style("#000000", "x", "")
 
 

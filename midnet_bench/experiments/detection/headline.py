@@ -18,8 +18,7 @@ from midnet_bench.experiments.guarded.metric_tables import metric_tables
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
-MOST_IN_WORDS = 4
-"""teams that a sentence names one by one"""
+MOST_IN_WORDS = 4  # teams that a sentence names one by one
 
 
 def headline(results: Results, reference: Results | None = None) -> Headline:

@@ -8,8 +8,7 @@ from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameter
 from midnet_bench.scoring.frame_counts import InRange, TruePositives
 from midnet_bench.settings import option
 
-PAPER_ARENAS = ("map1", "map2", "empty")
-"""packaged arenas of sections III and V, and Map 1 without intruders"""
+PAPER_ARENAS = ("map1", "map2", "empty")  # packaged arenas of sections III and V, and Map 1 without intruders
 
 
 @dataclass(frozen=True)

@@ -47,21 +47,18 @@ PAPER: Mapping[Team, Mapping[str, float]] = {
 PAPER_FRAMES = 1999
 PAPER_ARENA = "map1"
 
-TP_BOXES: TruePositives = "every"
-"""of results that do not have the option"""
+TP_BOXES: TruePositives = "every"  # of results that do not have the option
 COUNTINGS: Mapping[TruePositives, str] = {
     "every": "each box on an intruder is a true positive, as section V.A defines it",
     "surplus_false": "one box on each intruder is a true positive and a second one false, as section V.A "
     "explains the false positives of five robots",
 }
 """value of ``tp_boxes`` -> its meaning"""
-BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
-"""measures that the paper does not have"""
+BESIDE = ("f1_one_to_one", "gospa_per_frame_m")  # measures that the paper does not have
 SHOWN = (*SCORES, "f1_one_to_one")
 HEADS = {"trial": "", "source": "", "f1": "F1", "f1_one_to_one": "F1 one-to-one"}
 """the scores that a reader sees first, and what stands above them"""
-MANY_DUPLICATES = 0.05
-"""share of the true positives from which a note says so"""
+MANY_DUPLICATES = 0.05  # share of the true positives from which a note says so
 
 
 @dataclass(frozen=True)
@@ -71,8 +68,7 @@ class Trials:
     rows: pd.DataFrame
     """The rows of the table ``scores``, seeds ascending, without the grid's columns; with ``boxes``,
     ``f1_one_to_one``, ``gospa_per_frame_m`` and ``collisions`` of the trial's robots."""
-    paper: Mapping[str, float] | None = None
-    """the paper's row of such a team, in the paper's arena"""
+    paper: Mapping[str, float] | None = None  # the paper's row of such a team, in the paper's arena
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -45,8 +45,7 @@ OPPOSITE_EVERY = 10
 class ScoredFrame:
     """One frame and how it was scored."""
 
-    number: int
-    """counted from 1"""
+    number: int  # counted from 1
     midnet: ObservedFrame
     truths: list[TruthObject]
     in_range: list[bool]

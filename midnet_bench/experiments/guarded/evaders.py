@@ -21,10 +21,8 @@ from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]
 
-HIDE_EVERY_S = 1.0
-"""how often an intruder that hides checks its place"""
-HIDING_PLACES = 128
-"""random places that it chooses from"""
+HIDE_EVERY_S = 1.0  # how often an intruder that hides checks its place
+HIDING_PLACES = 128  # random places that it chooses from
 
 
 class EvaderPolicy:

@@ -17,8 +17,7 @@ from midnet_bench.recording.files.writer import BagWriter
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves
 
-START_NS = 1
-"""stamp of what is there before the first tick: ROS takes 0 for no time at all"""
+START_NS = 1  # stamp of what is there before the first tick: ROS takes 0 for no time at all
 DETECTORS_OWN = ("prior", "costmap", "midnet")
 DETECTORS_KEYS = ("detector", "fusion", "robot", "resolution_m", "deflate_boxes")
 """groups and keys of the parameters that decide what a ``DetectorNode`` makes of scans and poses"""

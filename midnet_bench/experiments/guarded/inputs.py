@@ -24,8 +24,7 @@ from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.io.map_server import load_map
 
 EXACT, EXPLORED, WORST = "exact", "explored", "explored-worst"
-SHOWN = 30
-"""characters of a text that a message quotes"""
+SHOWN = 30  # characters of a text that a message quotes
 
 
 def inline_arena(value: str) -> str:

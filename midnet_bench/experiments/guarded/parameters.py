@@ -41,13 +41,10 @@ Oracle = Literal[
 OVERRIDING: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
 """oracles under which the referee, not the guards, takes scans into the detection costmaps"""
 Preset = Literal["paper", "best"]
-FRAME_HZ = 5
-"""One MIDNet frame per LiDAR period (items 9, 42)."""
-NO_SQUARE_M = 1e-6
-"""side of an ally's square that no box can be equal to: a box has at least a cell"""
+FRAME_HZ = 5  # One MIDNet frame per LiDAR period (items 9, 42).
+NO_SQUARE_M = 1e-6  # side of an ally's square that no box can be equal to: a box has at least a cell
 
-START_S = 1.0
-"""to import the simulator and to place everything"""
+START_S = 1.0  # to import the simulator and to place everything
 SECONDS_PER_SIMULATED_SECOND = {"fast": (0.013, 0.003), "bullet": (0.030, 0.006), "mujoco": (0.024, 0.005)}
 """engine -> (of the world, of each robot of the team): CPU seconds of one core for a simulated second.
 

@@ -11,25 +11,18 @@ import numpy.typing as npt
 from midnet_bench.campaign.trial import Row
 from midnet_bench.geometry import Box, Point, Pose2D
 
-FRAMES, ERRORS, CAPTURES = "recorded", "errors", "captures"
-"""the tables of a recorded trial"""
-BEAM_STEP = 4
-"""each fourth beam of a scan is kept"""
-NO_RETURN = 255
-"""in a recorded scan; other values are centimetres"""
+FRAMES, ERRORS, CAPTURES = "recorded", "errors", "captures"  # the tables of a recorded trial
+BEAM_STEP = 4  # each fourth beam of a scan is kept
+NO_RETURN = 255  # in a recorded scan; other values are centimetres
 
 
 class RecordedRobot(NamedTuple):
     """One robot at one frame, map frame."""
 
-    pose: Pose2D
-    """where it truly is, to the millimetre and milliradian"""
-    believed: Pose2D
-    """its estimated pose"""
-    goal: Point | None
-    """where it drives to, metres"""
-    pursues: bool = False
-    """whether the goal is what it pursues"""
+    pose: Pose2D  # where it truly is, to the millimetre and milliradian
+    believed: Pose2D  # its estimated pose
+    goal: Point | None  # where it drives to, metres
+    pursues: bool = False  # whether the goal is what it pursues
 
 
 class RecordedTruth(NamedTuple):
@@ -37,17 +30,14 @@ class RecordedTruth(NamedTuple):
 
     name: str
     box: Box
-    in_range: bool
-    """whether missing it counts"""
-    detection: int | None
-    """the index of the detection that is paired with it"""
+    in_range: bool  # whether missing it counts
+    detection: int | None  # the index of the detection that is paired with it
 
 
 class RecordedBox(NamedTuple):
     """One guard's box before fusion, or one box of the team."""
 
-    guard: int
-    """index of the guard that it comes from"""
+    guard: int  # index of the guard that it comes from
     box: Box
     other: int | None
     """before fusion the index of the ally that it was removed for; then that of the truth paired with it"""
@@ -56,18 +46,14 @@ class RecordedBox(NamedTuple):
 class RecordedFrame(NamedTuple):
     """One frame of a trial; metres and radians, map frame."""
 
-    number: int
-    """counted from 1, five a second"""
-    robots: list[RecordedRobot | None]
-    """in the order of the table ``robots``; None for one that is gone"""
+    number: int  # counted from 1, five a second
+    robots: list[RecordedRobot | None]  # in the order of the table ``robots``; None for one that is gone
     truths: list[RecordedTruth]
-    found: list[RecordedBox]
-    """empty where a detector explains nothing"""
+    found: list[RecordedBox]  # empty where a detector explains nothing
     detections: list[RecordedBox]
     scans_m: list[list[float | None]]
     """of each guard the last scan, each fourth beam; None where nothing came back within 2.54 m"""
-    sensors: list[Pose2D | None]
-    """where each guard took its LiDAR to be at that scan"""
+    sensors: list[Pose2D | None]  # where each guard took its LiDAR to be at that scan
 
     def to_row(self) -> Row:
         """A row of the table ``recorded``: lists as JSON in millimetres and milliradians, scans in base64."""

@@ -50,8 +50,7 @@ from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject, match_fra
 from midnet_bench.scoring.metric import NONE, TrialMetrics
 from midnet_bench.simulation import sensors as beams_met
 
-FORGET_EVERY = 50
-"""scans"""
+FORGET_EVERY = 50  # scans
 ON_SURFACE_M = 0.005
 """A true return this near to a stationary intruder, a person or a thing is one of its own."""
 _NO_PLACES = np.empty((0, 2))

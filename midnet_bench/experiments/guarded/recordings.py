@@ -30,13 +30,11 @@ from midnet_bench.page.recording import KINDS, STEP_MM, Event, Recording, Rows, 
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import ROBOTS, RobotModel
 
-TURN = round(2000.0 * math.pi / STEP_MM)
-"""a whole turn in the page's steps of angle"""
+TURN = round(2000.0 * math.pi / STEP_MM)  # a whole turn in the page's steps of angle
 NEEDED = (FRAMES, "robots", ERRORS, "trial", "intruders", CAPTURES)
 """tables of which a recording is made; detection has no outcomes, labyrinth no errors"""
 
-Key = tuple[Any, ...]
-"""values of the grid's factors, and the seed"""
+Key = tuple[Any, ...]  # values of the grid's factors, and the seed
 
 
 def recordings(results: Results) -> Iterator[Recording]:

@@ -19,8 +19,7 @@ class Report(NamedTuple):
     """One message of a guard."""
 
     pose: Pose2D
-    costmaps: tuple[OccupancyGrid, ...]
-    """as published, in the order of the guard's own"""
+    costmaps: tuple[OccupancyGrid, ...]  # as published, in the order of the guard's own
     scan: Scan | None
 
 

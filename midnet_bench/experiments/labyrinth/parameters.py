@@ -13,8 +13,7 @@ from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.geometry import Point
 from midnet_bench.settings import group, like, option
 
-DOOR_M = 0.6
-"""from a door to floor that guards reach, at most"""
+DOOR_M = 0.6  # from a door to floor that guards reach, at most
 
 
 @dataclass(frozen=True)

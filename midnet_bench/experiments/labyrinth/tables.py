@@ -27,8 +27,7 @@ from midnet_bench.experiments.labyrinth.trials import (
     variants_side_by_side,
 )
 
-PAPER_REAL_TIME_FACTOR = 0.18
-"""17 simulated hours in 92 hours, section V.B"""
+PAPER_REAL_TIME_FACTOR = 0.18  # 17 simulated hours in 92 hours, section V.B
 PAPER_DURATION_S = 17 * 3600 / 500
 """Of a trial at most: "approximately 17 hours" of simulated time for 500, section V.B. Those hours also hold
 what lies between two trials, such as the spawning of up to ten robots."""

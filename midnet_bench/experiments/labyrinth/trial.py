@@ -22,8 +22,7 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject, truths_in_range
 from midnet_bench.simulation.fleet import crossed_wall, surfaces
 
-REFUGES = 64
-"""How many random points a fleeing intruder weighs against each other."""
+REFUGES = 64  # How many random points a fleeing intruder weighs against each other.
 
 
 @dataclass
@@ -35,10 +34,8 @@ class Outcome:
     detected_at_s: float = math.nan
     caught_at_s: float = math.nan
     escaped_at_s: float = math.nan
-    left_at_s: float = math.nan
-    """when it was taken out of the arena, caught or escaped"""
-    caught_by: Guard | None = None
-    """the guard that caught it"""
+    left_at_s: float = math.nan  # when it was taken out of the arena, caught or escaped
+    caught_by: Guard | None = None  # the guard that caught it
 
     @property
     def result(self) -> str:

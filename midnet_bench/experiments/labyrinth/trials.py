@@ -19,8 +19,7 @@ CELL = ["intruders", "robots"]
 class Variant:
     """The finished trials under one choice of the grid's factors beside the two numbers."""
 
-    factors: dict[str, object]
-    """that choice"""
+    factors: dict[str, object]  # that choice
     trials: pd.DataFrame
     """A row per trial, by ``intruders``, ``robots`` (security robots) and ``seed``: its row of the table
     ``trial``, ``detected_not_caught`` (percent), ``simulated_s`` and ``wall_s``; of the intruders that were
@@ -117,8 +116,7 @@ def variants_of(results: Results) -> dict[str, Variant]:
     return _VARIANTS[results]
 
 
-_VARIANTS: WeakKeyDictionary[Results, dict[str, Variant]] = WeakKeyDictionary()
-"""made once for each campaign"""
+_VARIANTS: WeakKeyDictionary[Results, dict[str, Variant]] = WeakKeyDictionary()  # made once for each campaign
 
 
 def _variants(results: Results) -> dict[str, Variant]:

@@ -23,10 +23,8 @@ MEASURES: Mapping[str, bool] = {
     "distance_m": False,
 }
 """column of ``maps`` -> whether more is better"""
-ENOUGH_COVERAGE = 0.98
-"""less of the free space within reach is not a map of the arena"""
-BEST = 3
-"""maps of each arena that the choice shows"""
+ENOUGH_COVERAGE = 0.98  # less of the free space within reach is not a map of the arena
+BEST = 3  # maps of each arena that the choice shows
 SHOWN = ("gaps_m", "occupied_precision", "occupied_recall", "wall_error_m", "coverage")
 """what it shows of them"""
 COUNTED = ("collisions", "walls_crossed", "recoveries", "goals_given_up")

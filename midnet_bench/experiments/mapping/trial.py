@@ -29,10 +29,8 @@ from midnet_bench.simulation.fleet import SCAN_HZ
 MAP_PERIOD_S = 2
 """How often maps are published, merged and planned on: TurtleBot3's map_update_interval and merging_rate."""
 SNAPSHOT_PERIOD_S = 1
-ENOUGH = 0.98
-"""A map that knows less of the free space within reach carries a warning."""
-NAMED = 5
-"""gaps in walls that a warning names, the longest"""
+ENOUGH = 0.98  # A map that knows less of the free space within reach carries a warning.
+NAMED = 5  # gaps in walls that a warning names, the longest
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,29 +38,22 @@ class Snapshot:
     """How far an exploration has come."""
 
     time_s: float
-    poses: npt.NDArray[np.float64]
-    """(n, 3) true x, y, yaw, map frame"""
-    believed: npt.NDArray[np.float64]
-    """(n, 3) what the robots take for it"""
+    poses: npt.NDArray[np.float64]  # (n, 3) true x, y, yaw, map frame
+    believed: npt.NDArray[np.float64]  # (n, 3) what the robots take for it
     goals: list[Point | None]
-    grid: OccupancyGrid
-    """int8 over the plane, map frame: the newest merged map, or the largest single one"""
+    grid: OccupancyGrid  # int8 over the plane, map frame: the newest merged map, or the largest single one
 
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
     """What came of an exploration."""
 
-    grid: OccupancyGrid
-    """int8 over the plane, map frame: 100 occupied, 0 free, -1 unknown"""
-    parts: list[OccupancyGrid]
-    """the same of each robot alone"""
+    grid: OccupancyGrid  # int8 over the plane, map frame: 100 occupied, 0 free, -1 unknown
+    parts: list[OccupancyGrid]  # the same of each robot alone
     score: MapScore
-    gaps: list[Gap]
-    """in its walls, longest first"""
+    gaps: list[Gap]  # in its walls, longest first
     time_s: float
-    distance_m: float
-    """driven by all robots together"""
+    distance_m: float  # driven by all robots together
     finished: bool
     """whether no frontier and no gap was left within the time limit but those that were given up"""
     merge_confidence: float

@@ -31,8 +31,7 @@ from midnet_bench.recording.files.records import (
 )
 from midnet_bench.recording.files.writer import types_of
 
-TF_TYPE = "tf2_msgs/msg/TFMessage"
-"""which tf's first version calls tf/tfMessage"""
+TF_TYPE = "tf2_msgs/msg/TFMessage"  # which tf's first version calls tf/tfMessage
 ROS1, MCAP, SQLITE, PACKED = ".bag", ".mcap", ".db3", ".zstd"
 MAGIC = {ROS1_MAGIC: ROS1, MCAP_MAGIC: MCAP, b"SQLite format 3": SQLITE, ZSTD_MAGIC: PACKED}
 """first bytes of a file -> the ending that it should have"""

@@ -37,12 +37,9 @@ PILED_SHARE = 0.02
 class NoReturn(NamedTuple):
     """How the scans of one topic are to be read."""
 
-    shares: dict[str, float]
-    """code -> of all beams"""
-    meaning: dict[str, Meaning]
-    """code -> what it says"""
-    range_max_m: float
-    """as the scans have it, or less where readings pile up below it"""
+    shares: dict[str, float]  # code -> of all beams
+    meaning: dict[str, Meaning]  # code -> what it says
+    range_max_m: float  # as the scans have it, or less where readings pile up below it
 
     def cleaned(self, scan: ScanReading) -> Floats:
         """(beams,) the ranges, metres: inf where nothing came back, nan where the reading says nothing."""

@@ -16,8 +16,7 @@ Floats = npt.NDArray[np.float64]
 
 NS = 1_000_000_000
 """nanoseconds in a second: times are whole nanoseconds, which a float of the epoch cannot separate"""
-FARTHEST_M = 1e7
-"""from the origin of a frame: the Earth's quarter, and UTM's northings, are as long"""
+FARTHEST_M = 1e7  # from the origin of a frame: the Earth's quarter, and UTM's northings, are as long
 FINEST_CELL_M, COARSEST_CELL_M, MOST_CELLS = 0.001, 10.0, 25_000_000
 """of a map; as large as one in a file may be"""
 
@@ -26,20 +25,15 @@ class ScanReading(NamedTuple):
     """sensor_msgs/LaserScan as the file has it."""
 
     topic: str
-    record_ns: int
-    """when it was recorded"""
-    stamp_ns: int
-    """what its header says"""
-    frame: str
-    """of the sensor"""
-    ranges_m: Floats
-    """(beams,) whatever the driver wrote"""
+    record_ns: int  # when it was recorded
+    stamp_ns: int  # what its header says
+    frame: str  # of the sensor
+    ranges_m: Floats  # (beams,) whatever the driver wrote
     angle_min_rad: float
     angle_increment_rad: float
     range_min_m: float
     range_max_m: float
-    time_increment_s: float
-    """from one beam to the next; drivers write rubbish here"""
+    time_increment_s: float  # from one beam to the next; drivers write rubbish here
 
     def geometry(self, range_max_m: float = math.inf) -> tuple[float, float, float, float]:
         """First angle and step, radians; least range, and the largest one or this if it is less, metres."""
@@ -112,10 +106,8 @@ class PoseReading(NamedTuple):
     topic: str
     record_ns: int
     stamp_ns: int
-    frame: str
-    """of the pose"""
-    child: str
-    """the frame with this pose; empty where the message does not name it"""
+    frame: str  # of the pose
+    child: str  # the frame with this pose; empty where the message does not name it
     transform: Transform
 
 
@@ -125,8 +117,7 @@ class GridReading(NamedTuple):
     topic: str
     record_ns: int
     stamp_ns: int
-    cells: npt.NDArray[np.int8]
-    """(rows, columns), row 0 at the lowest y"""
+    cells: npt.NDArray[np.int8]  # (rows, columns), row 0 at the lowest y
     resolution_m: float
     origin: Transform
 
@@ -170,11 +161,9 @@ class Topic(NamedTuple):
     """One stream of a recording."""
 
     name: str
-    type: str
-    """of its messages, as ROS 2 writes it: ``sensor_msgs/msg/LaserScan``"""
+    type: str  # of its messages, as ROS 2 writes it: ``sensor_msgs/msg/LaserScan``
     messages: int
-    kind: str
-    """of the readings that it gives, such as ``scan``; empty if it gives none"""
+    kind: str  # of the readings that it gives, such as ``scan``; empty if it gives none
 
 
 class Source(Protocol):
@@ -184,10 +173,8 @@ class Source(Protocol):
     topics: dict[str, Topic]
     start_ns: int
     end_ns: int
-    remarks: list[str]
-    """what was not taken as the file has it, a line each"""
-    mount: Pose2D | None
-    """of its laser on the robot, if the file says so by itself"""
+    remarks: list[str]  # what was not taken as the file has it, a line each
+    mount: Pose2D | None  # of its laser on the robot, if the file says so by itself
 
     def readings(
         self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None

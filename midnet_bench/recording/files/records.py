@@ -20,8 +20,7 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-MOST_BYTES = 150_000_000
-"""of a chunk or a message; recorders make chunks of one to four megabytes"""
+MOST_BYTES = 150_000_000  # of a chunk or a message; recorders make chunks of one to four megabytes
 MOST_TIMES = 100
 """a file that is packed as a whole may grow to so many times its size; scans shrink to a fifth"""
 STEP_BYTES = 1 << 20
@@ -110,8 +109,7 @@ MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK, MCAP_END = 3, 4, 5, 6, 15
 """of MCAP, as https://mcap.dev/spec numbers them; what follows the end of the data is the index"""
 _NUMBER, _RECORD = struct.Struct("<I"), struct.Struct("<BQ")
 
-RawMessage = tuple[int, int, bytes]
-"""number of the connection, record time in ns, message"""
+RawMessage = tuple[int, int, bytes]  # number of the connection, record time in ns, message
 
 
 class Connection(NamedTuple):

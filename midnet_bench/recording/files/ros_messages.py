@@ -16,15 +16,11 @@ from midnet_bench.elementary import cos, sin
 from midnet_bench.geometry import Box, LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 
-MAP = "map"
-"""the frame of all poses"""
-CUBE, TEXT = 1, 9
-"""visualization_msgs/Marker.type"""
-DELETE_ALL = 3
-"""visualization_msgs/Marker.action"""
+MAP = "map"  # the frame of all poses
+CUBE, TEXT = 1, 9  # visualization_msgs/Marker.type
+DELETE_ALL = 3  # visualization_msgs/Marker.action
 BOX_HEIGHT_M = 0.3
-LABEL_M = 0.2
-"""height of a capital letter"""
+LABEL_M = 0.2  # height of a capital letter
 
 Fields = Mapping[str, Any]
 
@@ -32,18 +28,15 @@ Fields = Mapping[str, Any]
 class Message(NamedTuple):
     """One message of any type."""
 
-    kind: str
-    """such as ``sensor_msgs/msg/LaserScan``"""
+    kind: str  # such as ``sensor_msgs/msg/LaserScan``
     fields: Fields
 
 
 class Marked(NamedTuple):
     """A box as a viewer shows it."""
 
-    box: Box
-    """map frame, metres"""
-    space: str
-    """its ``ns``: the robot or intruder it belongs to"""
+    box: Box  # map frame, metres
+    space: str  # its ``ns``: the robot or intruder it belongs to
     color: RGB
     label: str = ""
 

@@ -27,17 +27,12 @@ from midnet_bench.recording.files.readings import (
 T = TypeVar("T")
 
 EVER_NS = 1 << 62
-WHOLE_S = 30.0
-"""a recording that lasts no longer is looked at whole"""
+WHOLE_S = 30.0  # a recording that lasts no longer is looked at whole
 WINDOWS = 10
-WINDOW_S = 2.4
-"""of a longer one so many stretches of this length"""
-MOST_SCANS = 400
-"""kept of one topic"""
-SAME_CLOCK_S = 3600.0
-"""stamps that differ by more, against the time of recording, are of two clocks"""
-STILL = 1e-6
-"""metres, and parts of a quaternion, by which a fixed transform may seem to move"""
+WINDOW_S = 2.4  # of a longer one so many stretches of this length
+MOST_SCANS = 400  # kept of one topic
+SAME_CLOCK_S = 3600.0  # stamps that differ by more, against the time of recording, are of two clocks
+STILL = 1e-6  # metres, and parts of a quaternion, by which a fixed transform may seem to move
 
 
 @dataclass
@@ -48,8 +43,7 @@ class Stream:
     scans: list[ScanReading] = field(default_factory=list)
     poses: list[PoseReading] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
-    period_ns: int = 0
-    """from one scan to the next, as most of them are; 0 where no two were seen"""
+    period_ns: int = 0  # from one scan to the next, as most of them are; 0 where no two were seen
 
     @property
     def seen(self) -> Sequence[ScanReading | PoseReading]:
@@ -78,12 +72,9 @@ class Survey:
 
     source: Source
     streams: dict[str, Stream]
-    transforms: dict[tuple[str, str], list[PoseReading]]
-    """(frame, child) -> what tf said of them"""
-    fault: str = ""
-    """where it is damaged, if it is: what came before was looked at"""
-    remarks: list[str] = field(default_factory=list)
-    """on topics with several publishers, a line each"""
+    transforms: dict[tuple[str, str], list[PoseReading]]  # (frame, child) -> what tf said of them
+    fault: str = ""  # where it is damaged, if it is: what came before was looked at
+    remarks: list[str] = field(default_factory=list)  # on topics with several publishers, a line each
 
     @property
     def duration_s(self) -> float:

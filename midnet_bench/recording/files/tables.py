@@ -28,10 +28,8 @@ SCAN_COLUMNS = ("t", "angle_min", "angle_increment", "range_min", "range_max")
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 """a pose of the TUM format, which evo and SLAM tools write"""
 FIRST_RANGE = "r0"
-STEP_NS = NS // 10
-"""between scans of a log without a usable clock; only their order counts then"""
-_FAR_FUTURE_S = 4e9
-"""the year 2096: differences of nanoseconds fit into 64 bits"""
+STEP_NS = NS // 10  # between scans of a log without a usable clock; only their order counts then
+_FAR_FUTURE_S = 4e9  # the year 2096: differences of nanoseconds fit into 64 bits
 
 
 class Table:

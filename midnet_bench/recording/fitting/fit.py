@@ -24,21 +24,16 @@ ON_WALL_M, ON_WALL_CELLS = 0.1, 1.5
 WALL_DEPTH_M = 0.2
 """Occupied cells further than this from any other are what lies behind a wall, not the wall."""
 MOST = 120
-REACH_S, STEP_S = 0.8, 0.04
-"""how far before and after a scan its robot's poses are sampled, and how densely"""
+REACH_S, STEP_S = 0.8, 0.04  # how far before and after a scan its robot's poses are sampled, and how densely
 
 
 class Sample(NamedTuple):
     """One scan of a robot, and where the robot was at about that time."""
 
-    time_ns: int
-    """of the scan, by the clock of the poses"""
-    ranges_m: Floats
-    """(beams,) metres; inf where nothing was met, NaN where the reading says nothing"""
-    lidar: LidarGeometry
-    """its mount is what is believed so far"""
-    track: PoseTrack
-    """the robot's poses from a little before to a little after the scan, map frame"""
+    time_ns: int  # of the scan, by the clock of the poses
+    ranges_m: Floats  # (beams,) metres; inf where nothing was met, NaN where the reading says nothing
+    lidar: LidarGeometry  # its mount is what is believed so far
+    track: PoseTrack  # the robot's poses from a little before to a little after the scan, map frame
 
     @property
     def pose(self) -> Pose2D:
@@ -139,10 +134,8 @@ class Fit(NamedTuple):
     """How the scans of a recording lie on a map; shares are 0 to 1, NaN without a return or sample."""
 
     returns: int
-    on_walls: float
-    """share of the returns that lies on mapped walls"""
-    unmapped: float
-    """share that lies on no wall and outside the map or in unknown cells"""
+    on_walls: float  # share of the returns that lies on mapped walls
+    unmapped: float  # share that lies on no wall and outside the map or in unknown cells
     robot_off_map: float
     """share of the samples in which the robot itself is outside the map or in a cell that it does not know"""
 

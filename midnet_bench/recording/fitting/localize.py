@@ -14,10 +14,8 @@ from midnet_bench.recording.fitting.fit import Walls
 
 Floats = npt.NDArray[np.float64]
 
-THICKEST_M = 0.3
-"""a wall that is drawn thicker is solid: its face is where it is"""
-ON_WALL_M = 0.15
-"""returns this near to a wall show how thick the walls of a match are"""
+THICKEST_M = 0.3  # a wall that is drawn thicker is solid: its face is where it is
+ON_WALL_M = 0.15  # returns this near to a wall show how thick the walls of a match are
 SLIPPED, USUAL = 11.3, 7.8
 """A match whose squared Mahalanobis distance is above the first (99 % of the chi-square distribution of three
 values) says that the motion slipped: the pose is doubted by as much as it exceeds the second (95 %)."""
@@ -27,23 +25,15 @@ values) says that the motion slipped: the pose is doubted by as much as it excee
 class LocalizerSettings:
     """What is believed of the recorded poses and of the ranges: standard deviations, all our choice."""
 
-    start_m: float = 0.05
-    """of the first recorded pose, along x and along y"""
+    start_m: float = 0.05  # of the first recorded pose, along x and along y
     start_rad: float = math.radians(1.0)
-    drift_m: float = 0.02
-    """of place that the recorded motion gains over a metre; grows with the way's root"""
-    drift_rad: float = math.radians(1.0)
-    """the same of the yaw"""
-    drift_rad_per_rad: float = 0.03
-    """the same over the first radian of a turn"""
-    range_error: float = 0.03
-    """of what all ranges of a sensor are off by, as a share of them"""
-    bias_lasts_m: float = 1.0
-    """way over which what a match is off by falls to a third"""
-    every_m: float = 0.5
-    """a match is taken when the robot has moved so far since the last, as amcl does ..."""
-    every_rad: float = 0.2
-    """... or turned so far"""
+    drift_m: float = 0.02  # of place that the recorded motion gains over a metre; grows with the way's root
+    drift_rad: float = math.radians(1.0)  # the same of the yaw
+    drift_rad_per_rad: float = 0.03  # the same over the first radian of a turn
+    range_error: float = 0.03  # of what all ranges of a sensor are off by, as a share of them
+    bias_lasts_m: float = 1.0  # way over which what a match is off by falls to a third
+    every_m: float = 0.5  # a match is taken when the robot has moved so far since the last, as amcl does ...
+    every_rad: float = 0.2  # ... or turned so far
 
 
 class Localizer:

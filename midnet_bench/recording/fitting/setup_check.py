@@ -28,32 +28,27 @@ from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup
 
 QUICK_SAMPLES, QUICK_BEAMS = 40, 40
 FULL_SAMPLES, FULL_BEAMS = 120, 90
-WORTH = 0.03
-"""Another setup is proposed only if it brings at least so much more of the returns onto walls."""
-ALARM = 0.06
-"""A replay warns only of one that raises that share, or the mean closeness to walls, by so much."""
+WORTH = 0.03  # Another setup is proposed only if it brings at least so much more of the returns onto walls.
+ALARM = 0.06  # A replay warns only of one that raises that share, or the mean closeness to walls, by so much.
 GOOD, POOR = 0.6, 0.4
 """A better setup that brings fewer returns than the one onto walls may be so by chance. If there is no better
 one, and as it is fewer than the other lie on walls, the map is taken for one of another place."""
 PLACED = "Odometry takes --place found"
 FEW_RETURNS = 100
 LONGEST_LINE = 300
-AGAIN_M = 0.15
-"""A refinement of what was refined on fewer returns begins so narrow."""
+AGAIN_M = 0.15  # A refinement of what was refined on fewer returns begins so narrow.
 ALIKE = 0.02
 """Of two changes that differ in no more of what they do to the returns, neither can be preferred."""
 LARGEST_INTERVAL = {**dict.fromkeys((0, 1, 4, 5), 1.0), **dict.fromkeys((2, 6), 0.5), 3: 0.5}
 """how far the interval of a parameter is followed: metres, radians, seconds"""
 NAMES = ("mount x", "mount y", "mount yaw", "scan delay", "map x", "map y", "map yaw", "range factor")
-APART_M, APART_RAD = 1.0, math.radians(20.0)
-"""Two places that differ by less are one."""
+APART_M, APART_RAD = 1.0, math.radians(20.0)  # Two places that differ by less are one.
 
 
 class Range(NamedTuple):
     """How far one parameter can be changed, the others held, within sampling noise of the share."""
 
-    below: float
-    """the found value; metres, radians or seconds"""
+    below: float  # the found value; metres, radians or seconds
     above: float
     is_open: bool
     """whether the search for its ends was given up: the recording says nothing of this parameter"""
@@ -64,26 +59,19 @@ class Proposal(NamedTuple):
 
     kinds: tuple[str, ...]
     """what differs from what was set, of "mount", "turn", "mirror", "delay", "map"; empty: nothing"""
-    mount: Pose2D
-    """the sensor in the robot's frame"""
-    turned_rad: float
-    """by how much it is turned against the one that was set, within [-pi, pi)"""
-    is_mirrored: bool
-    """whether the beams go round the other way than the samples' geometry says"""
-    delay_s: float
-    """by how much a scan's time is later than the instant at which it was measured"""
-    map_moved: Pose2D
-    """where the frame of the poses lies in that of the map; all zero where the two are one"""
+    mount: Pose2D  # the sensor in the robot's frame
+    turned_rad: float  # by how much it is turned against the one that was set, within [-pi, pi)
+    is_mirrored: bool  # whether the beams go round the other way than the samples' geometry says
+    delay_s: float  # by how much a scan's time is later than the instant at which it was measured
+    map_moved: Pose2D  # where the frame of the poses lies in that of the map; all zero where the two are one
     share_before: float
     share_after: float
-    start: Pose2D
-    """where the robot was at the first scan, in the frame of a map that is moved so"""
+    start: Pose2D  # where the robot was at the first scan, in the frame of a map that is moved so
     ranges: dict[str, Range] = {}  # noqa: RUF012
     """of the parameters by ``NAMES``; metres, radians, seconds; empty where none is needed"""
     alike: tuple["Proposal", ...] = ()
     """other changes that would correct as much: the recording does not decide"""
-    cannot_tell: tuple[str, ...] = ()
-    """sentences: along which directions the recording says nothing"""
+    cannot_tell: tuple[str, ...] = ()  # sentences: along which directions the recording says nothing
 
     @property
     def is_good(self) -> bool:
@@ -99,8 +87,7 @@ class Verdict(NamedTuple):
     (empty: nothing)"""
     lines: tuple[str, ...]
     """one for each finding, with its figures and what corrects it; one that says that it fits"""
-    share: float
-    """of the returns that lie on mapped walls; NaN without one"""
+    share: float  # of the returns that lie on mapped walls; NaN without one
 
     @property
     def fits(self) -> bool:

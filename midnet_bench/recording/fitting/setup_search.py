@@ -21,8 +21,7 @@ MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
 scan's time is later than its instant; the map's x, y, yaw; the factor of all ranges"""
 LARGEST_DELAY_S = 0.5
 _DELAY_STEP_S = 0.02
-FAR_M = 1.0
-"""so far, along x and y, a moved map is looked for at first, in steps of a quarter of it"""
+FAR_M = 1.0  # so far, along x and y, a moved map is looked for at first, in steps of a quarter of it
 LARGEST_PICTURE_M = 400.0
 """from the middle of a robot's ways: a Fourier transform of a larger picture takes gigabytes"""
 _TURN_STEPS = 72
@@ -30,15 +29,13 @@ COARSE_M, WIDE_M, NARROW_M = 0.3, 0.4, 0.06
 """Distance to a wall at which a return counts half, while whole turns and places are tried, and a quarter,
 at the first step of a refinement and, as the steps narrow down, at its last."""
 MOST_ROUNDS = 24
-SETTLED_M = 2e-4
-"""a shorter step, as the returns move by it, ends a refinement"""
+SETTLED_M = 2e-4  # a shorter step, as the returns move by it, ends a refinement
 LONGEST_STEP_M = 0.3
 SEEN = 0.01
 """A direction that no larger share of the returns constrains stays as it is: beside a wall, at rest."""
 CORRELATED_BEAMS = 10.0
 """Returns that count as one independent draw: neighbours meet the same wall (``ScanToMap``)."""
-SLOWEST_MPS = 0.05
-"""where returns move more slowly than this over the map, nothing is said of the time"""
+SLOWEST_MPS = 0.05  # where returns move more slowly than this over the map, nothing is said of the time
 
 
 class Returns:
@@ -131,15 +128,11 @@ class Returns:
 class Candidate(NamedTuple):
     """A setup as the search keeps it."""
 
-    changed: tuple[int, ...]
-    """the parameters that it may differ in from what was set"""
-    values: Floats
-    """(8,)"""
+    changed: tuple[int, ...]  # the parameters that it may differ in from what was set
+    values: Floats  # (8,)
     mirrored: bool
-    share: float
-    """of the search's returns that lie on walls"""
-    score: float
-    """the same, smooth: mean of 1 / (1 + (distance / ``NARROW_M``)^2)"""
+    share: float  # of the search's returns that lie on walls
+    score: float  # the same, smooth: mean of 1 / (1 + (distance / ``NARROW_M``)^2)
 
 
 class Search:

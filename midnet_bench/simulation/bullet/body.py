@@ -20,8 +20,7 @@ class Body(NamedTuple):
     """One robot in a PyBullet client."""
 
     body: int
-    wheels: tuple[int, int]
-    """joints, left and right"""
+    wheels: tuple[int, int]  # joints, left and right
     mass_x_m: float
     """of the point that PyBullet calls the body's position, its base's centre of mass, in the base frame"""
 
@@ -54,16 +53,12 @@ def _on_wheels(client: Client, body: int, wheels: tuple[int, int], caster: int) 
     return Body(body, wheels, mass_x_m)
 
 
-WHEEL_FRICTION, CASTER_FRICTION = 1.0, 0.1
-"""those of the Burger's description"""
-_CASTER_M = 0.005
-"""radius of the ball"""
-_CASTER_INSIDE_M = 0.02
-"""from the body's end to the ball's middle, as a TurtleBot3 has it"""
+WHEEL_FRICTION, CASTER_FRICTION = 1.0, 0.1  # those of the Burger's description
+_CASTER_M = 0.005  # radius of the ball
+_CASTER_INSIDE_M = 0.02  # from the body's end to the ball's middle, as a TurtleBot3 has it
 _MASS_SHARE = 0.125
 """of the way from the axle to the caster, where the body's mass lies: on the axle it tips when it brakes"""
-_WHEEL_MASS, _CASTER_MASS = 0.03, 0.005
-"""shares of the robot's mass"""
+_WHEEL_MASS, _CASTER_MASS = 0.03, 0.005  # shares of the robot's mass
 
 
 def _build_robot(client: Client, robot: RobotModel, pose: Pose2D) -> Body:

@@ -46,8 +46,7 @@ except ImportError as error:
         "CPython 3.11; take 'fast': --engine fast, or engine=\"fast\" in Python"
     ) from error
 
-_idle: list[int] = []
-"""unused clients of this process, emptied"""
+_idle: list[int] = []  # unused clients of this process, emptied
 
 
 class Client(SimpleNamespace):

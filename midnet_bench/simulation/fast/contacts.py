@@ -24,17 +24,13 @@ from midnet_bench.simulation.fast.outlines import AX, AY, BEFORE_X, BEFORE_Y, BX
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-OBSTACLE = -2
-"""in ``pairs``: what moves by itself"""
+OBSTACLE = -2  # in ``pairs``: what moves by itself
 GRAVITY_MPS2 = 9.81
 WHEEL_FRICTION, WALL_FRICTION, BODY_FRICTION = 1.0, 0.5, 0.25
 """Coulomb's coefficients of wheels on the floor, bodies on walls and bodies on bodies, as in PyBullet"""
-SKIN_M = 1e-4
-"""Bodies stop this far from what they touch, so that a rounding is no penetration."""
-DEEP_M = 0.02
-"""A corner that is farther behind a side was never before it."""
-PUSHED_MPS = 0.3
-"""How fast an obstacle pushes a body out of itself, about as in PyBullet."""
+SKIN_M = 1e-4  # Bodies stop this far from what they touch, so that a rounding is no penetration.
+DEEP_M = 0.02  # A corner that is farther behind a side was never before it.
+PUSHED_MPS = 0.3  # How fast an obstacle pushes a body out of itself, about as in PyBullet.
 _TILT = 0.3
 """How far, as a sine, a corner may point past the other shape: both ends of a side that lies flat count."""
 
@@ -54,38 +50,30 @@ _SQUARE = np.array(
 # Columns of a contact: the unit normal towards the first body, the gap, the point as seen from both bodies'
 # base frames (map axes), and the impulses so far along normal and tangent, per mass.
 NORMAL_X, NORMAL_Y, GAP, ARM_X, ARM_Y, OTHER_X, OTHER_Y, NORMAL, TANGENTIAL = range(9)
-PER_BODY = 48
-"""contacts that there is room for"""
+PER_BODY = 48  # contacts that there is room for
 
 
 class Body(NamedTuple):
     """What all bodies are."""
 
-    hull: Floats
-    """(h, 7) by the columns ``X`` to ``LAST_Y``, base frame, metres"""
-    reach_m: float
-    """of the hull from the base frame"""
-    gyration2_m2: float
-    """inertia over mass"""
+    hull: Floats  # (h, 7) by the columns ``X`` to ``LAST_Y``, base frame, metres
+    reach_m: float  # of the hull from the base frame
+    gyration2_m2: float  # inertia over mass
 
 
 class ContactBuffer(NamedTuple):
     """Where what is found of n bodies is written."""
 
-    hulls: Floats
-    """(n, h, 7) the hulls in the map frame"""
-    rows: Floats
-    """(c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``"""
-    pairs: Ints
-    """(c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``"""
+    hulls: Floats  # (n, h, 7) the hulls in the map frame
+    rows: Floats  # (c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``
+    pairs: Ints  # (c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``
 
 
 class Scene(NamedTuple):
     """What contacts are looked for among."""
 
     body: Body
-    ground: SideGrid
-    """what never moves; its reach is no less than that of a body and the widest gap together"""
+    ground: SideGrid  # what never moves; its reach is no less than that of a body and the widest gap together
     room: ContactBuffer
 
 

@@ -54,28 +54,19 @@ COLUMNS = 13
 class Drive(NamedTuple):
     """What moves bodies, and how time passes."""
 
-    step_s: float
-    """a tick"""
-    ramp_mps: float
-    """by how much a rim's speed changes in a tick"""
+    step_s: float  # a tick
+    ramp_mps: float  # by how much a rim's speed changes in a tick
     separation_m: float
-    wheel_m: float
-    """radius"""
-    most_m: float
-    """how far any point of a body may come in a tick"""
-    rounds: int
-    """of the solver, at most"""
+    wheel_m: float  # radius
+    most_m: float  # how far any point of a body may come in a tick
+    rounds: int  # of the solver, at most
 
 
-TOUCH_M = 2.0 * SKIN_M
-"""What is this near touches."""
+TOUCH_M = 2.0 * SKIN_M  # What is this near touches.
 _PARTINGS = 20
-_OVERLAP_M = 5e-4
-"""Nothing gets deeper into anything."""
-_STILL_MPS = 1e-6
-"""The solver ends when no impulse changes by more."""
-_PUSHED = 1.25
-"""How much faster than by its own wheels a body may be moved."""
+_OVERLAP_M = 5e-4  # Nothing gets deeper into anything.
+_STILL_MPS = 1e-6  # The solver ends when no impulse changes by more.
+_PUSHED = 1.25  # How much faster than by its own wheels a body may be moved.
 
 
 def parts_of(robot: RobotModel, outlines: Outlines, count: int, step_hz: int, rounds: int) -> Parts:

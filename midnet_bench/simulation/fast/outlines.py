@@ -14,8 +14,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 CELL_M = 0.25
-_HAIR_M = 1e-6
-"""A corner this near another solid lies on it."""
+_HAIR_M = 1e-6  # A corner this near another solid lies on it.
 
 # Columns of a side: its ends, its unit normal away from the solid, and where its first end is a corner that a
 # body can meet, the unit vector along the side before; both zero where it is not.
@@ -27,23 +26,17 @@ class Outlines(NamedTuple):
 
     corners: Floats
     """(k, 3) x, y of each corner, counter-clockwise in each outline, and the length of the side from it"""
-    first: Ints
-    """(s + 1,) where each solid's corners begin, and their number"""
-    circles: Floats
-    """(s, 3) x, y and radius of a circle about each solid"""
+    first: Ints  # (s + 1,) where each solid's corners begin, and their number
+    circles: Floats  # (s, 3) x, y and radius of a circle about each solid
 
 
 class SideGrid(NamedTuple):
     """The sides that bodies can touch, and which of them are near each cell of a grid."""
 
-    sides: Floats
-    """(k, 8) by the columns ``AX`` to ``BEFORE_Y``, metres"""
-    frame: Floats
-    """(5,) x and y of the grid's lower left corner and a cell's side, metres, columns, rows"""
-    first: Ints
-    """(cells + 1,) where the sides of each cell begin in ``members``; cells row by row"""
-    members: Ints
-    """rows of ``sides``"""
+    sides: Floats  # (k, 8) by the columns ``AX`` to ``BEFORE_Y``, metres
+    frame: Floats  # (5,) x and y of the grid's lower left corner and a cell's side, metres, columns, rows
+    first: Ints  # (cells + 1,) where the sides of each cell begin in ``members``; cells row by row
+    members: Ints  # rows of ``sides``
 
 
 def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
