@@ -14,22 +14,17 @@ PACKAGE = Path(midnet_bench.__file__).parent
 WHOLE = {
     "(b > a if rises else b < a for a, b in zip(paired.before, paired.after, strict=True))",
     "cores.values()",
-    "(len(wanted) - sum((seed in wanted for seed in seeds)) for seeds in done)",
     "store.counts()",
     "outcome.unusable.values()",
-    *("whole", "least", "middle", "half", "found", "in_range", "numbers", "zip(*frames, strict=True)"),
+    *("whole", "least", "middle", "found", "in_range", "near", "numbers", "zip(NONE, *causes, strict=True)"),
     "(2 * _ONE // ((2 * k + 1) * 3 ** (2 * k + 1)) for k in range(_PLACES // 3))",
-    *(
-        f"cell[{key}]"
-        for key in ("'tp'", "'matched'", "'missed'", "'frames'", "'boxes'", "'collisions'", "key")
-    ),
-    "trials[count]",
+    "self.rows[column]",
     "each[name]",
+    "map(bool, match.touched)",
     "(self._values_in(part, known) for part in node.value)",
     "(self._values_in(part, known) for pair in node.value for part in pair)",
     "(count for (of_side, of_cause, of_cell), count in self.counts.items() "
-    "if of_side == side and of_cell == cell and (cause in (None, of_cause)))",
-    "(topic.messages for topic in self.topics.values())",
+    "if (of_side, of_cell) == (side, cell) and cause in (None, of_cause))",
     "(surveys[one.source].streams[one.scan_topic].topic.messages for one in inputs.robots)",
     "tally.scans.values()",
     "tally.skipped.values()",

@@ -5,7 +5,7 @@ import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from rosbags.interfaces import (
@@ -25,7 +25,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 from midnet_bench.io.files import cannot_be_written, temporary_folder
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.files.ros_messages import Message
+
+if TYPE_CHECKING:  # it takes numba, which readers of bags do without
+    from midnet_bench.recording.files.ros_messages import Message
 
 ENDINGS = {"mcap": ".mcap", "ros2": "", "ros1": ".bag"}
 """of each format: a plain MCAP file, a ROS 2 bag's folder with an SQLite file, a ROS 1 bag"""
@@ -170,7 +172,7 @@ class BagWriter:
         """Topic -> message type of what was written."""
         return {topic: connection.msgtype for topic, connection in self._topics.items()}
 
-    def write(self, topic: str, stamp_ns: int, message: Message, is_kept: bool = False) -> None:
+    def write(self, topic: str, stamp_ns: int, message: "Message", is_kept: bool = False) -> None:
         """Append a message, recorded at ``stamp_ns``.
 
         ``is_kept``: whether players hand the topic's last message to later subscribers (latched).
