@@ -69,6 +69,8 @@ class ScanToMap:
         # Only faces pull: what lies behind one, solid or never seen, ends no beam.
         face = (cells == 100) & beside_free
         to_face = cv2.distanceTransform((~face).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        # OpenCV rounds its square roots by the number of threads; the squares are whole numbers of cells
+        to_face = np.sqrt(np.rint(np.square(to_face, dtype=np.float64))).astype(np.float32)
         distances_m = to_face.astype(np.float64) * prior_map.resolution
         self._distances_m = np.where(free, distances_m, -distances_m)
         # Where the known ends without a wall, the change of sign is no face.
