@@ -159,3 +159,12 @@ def connected_to(column: int, row: int, cells: npt.NDArray[np.bool_]) -> npt.NDA
         return np.zeros_like(cells)
     _, labels = cv2.connectedComponents(cells.view(np.uint8), connectivity=4)
     return np.asarray(labels == labels[row, column])
+
+
+def cells_to_unset(cells: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """(H, W) float32, in cells: from each set cell's centre to that of the nearest one that is 0 or False.
+
+    The squares are whole numbers, so their roots are rounded here: OpenCV's go by the number of its threads.
+    """
+    found = cv2.distanceTransform(cells.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(np.sqrt(np.rint(np.square(found, dtype=np.float64))), dtype=np.float32)

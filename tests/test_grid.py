@@ -1,7 +1,9 @@
+import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
-from midnet_bench.grid import MapWindow, OccupancyGrid, cell_centers, connected_to
+from midnet_bench.grid import MapWindow, OccupancyGrid, cell_centers, cells_to_unset, connected_to
 
 WALLED = np.array(
     [[character == "." for character in line] for line in ("..#.", "..#.", "##..", "...#")], dtype=np.bool_
@@ -49,3 +51,15 @@ def test_a_window_cuts_what_reaches_beyond_it_and_pads_what_does_not_fill_it() -
     assert cut.data.tolist() == [[-1, -1, -1, 100], [-1, -1, 100, 100]]
     far = OccupancyGrid(np.array([[100]], dtype=np.int8), 0.5, (9.0, 9.0))
     assert (window.cut(far).data == -1).all()
+
+
+def test_distances_are_the_exact_ones_however_many_threads_opencv_has():
+    cells = np.random.default_rng(1).random((420, 430)) > 0.004
+    exact = distance_transform_edt(cells).astype(np.float32)
+    before = cv2.getNumThreads()
+    try:
+        for threads in (1, 2):
+            cv2.setNumThreads(threads)
+            assert (cells_to_unset(cells) == exact).all()
+    finally:
+        cv2.setNumThreads(before)

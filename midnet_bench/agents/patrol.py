@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -12,7 +11,7 @@ from midnet_bench.agents.agent_settings import PATROLS, PatrolSettings
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Point, lengths
-from midnet_bench.grid import OCCUPIED, OccupancyGrid, cell_centers, connected_to
+from midnet_bench.grid import OCCUPIED, OccupancyGrid, cell_centers, cells_to_unset, connected_to
 
 DRIVABLE_M = 0.15
 """How near to an occupied cell a robot's centre may come: the reach of a Burger's footprint, 0.1485 m, in
@@ -49,8 +48,7 @@ def patrol_points(
     Raises:
         InputError: there is no such cell.
     """
-    free = (prior_map.data != OCCUPIED).astype(np.uint8)
-    distance_m = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * prior_map.resolution
+    distance_m = cells_to_unset(prior_map.data != OCCUPIED) * prior_map.resolution
     x, y = prior_map.x_centers, prior_map.y_centers
     inside = (np.abs(x) < enclosure_m[0] / 2.0) & (np.abs(y) < enclosure_m[1] / 2.0)[:, None]
     drivable = (distance_m >= max(DRIVABLE_M, reach_m)) & inside & (prior_map.data >= 0)

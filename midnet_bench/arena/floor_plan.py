@@ -15,7 +15,7 @@ from midnet_bench.arena.arena import MOST_BLOCKS
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import mean_point
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, cells_to_unset
 
 Cells = npt.NDArray[np.bool_]
 Rectangle = tuple[int, int, int, int]
@@ -142,7 +142,7 @@ def start_of_guards(dark: OccupancyGrid) -> tuple[float, float]:
         InputError: there is no floor.
     """
     floor = (~dark.data).astype(np.uint8)
-    gap_m = cv2.distanceTransform(floor, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * dark.resolution
+    gap_m = cells_to_unset(floor) * dark.resolution
     _, labels, stats, _ = cv2.connectedComponentsWithStats(
         (floor * (gap_m >= DRIVABLE_M)).astype(np.uint8), connectivity=4
     )
@@ -155,7 +155,7 @@ def start_of_guards(dark: OccupancyGrid) -> tuple[float, float]:
     inner[edges] = 0
     is_room = inner.max() >= ROOM_SHARE * areas.max()
     # the grid's edge counts as wall
-    room_m = cv2.distanceTransform(np.pad(floor, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    room_m = cells_to_unset(np.pad(floor, 1))[1:-1, 1:-1]
     room_m = np.where(labels == (inner if is_room else areas).argmax(), room_m * dark.resolution, 0.0)
     rows, columns = np.nonzero(room_m >= min(START_CLEARANCE_M, float(room_m.max())))
     x, y = dark.x_centers[columns], dark.y_centers[rows]

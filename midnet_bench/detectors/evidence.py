@@ -2,12 +2,11 @@
 
 import math
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Scan
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, values_at
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_to_unset, values_at
 
 MARGIN_M = 0.08  # about a wall whose returns lie on it: a cell and a half of 5 cm
 PER_MEDIAN = 1.5
@@ -23,8 +22,7 @@ STEPS = 1024
 
 def wall_distances(prior_map: OccupancyGrid) -> OccupancyGrid:
     """float32 metres from each cell's centre to that of the nearest wall cell of an int8 map."""
-    free = (prior_map.data < OCCUPIED_FROM).astype(np.uint8)
-    cells = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cells = cells_to_unset(prior_map.data < OCCUPIED_FROM)
     return prior_map.with_data(cells * np.float32(prior_map.resolution))
 
 

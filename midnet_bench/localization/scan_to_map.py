@@ -11,7 +11,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin, directions, hypot
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, cells_to_unset
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -68,10 +68,7 @@ class ScanToMap:
         beside_free = cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) == 1
         # Only faces pull: what lies behind one, solid or never seen, ends no beam.
         face = (cells == 100) & beside_free
-        to_face = cv2.distanceTransform((~face).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        # OpenCV rounds its square roots by the number of threads; the squares are whole numbers of cells
-        to_face = np.sqrt(np.rint(np.square(to_face, dtype=np.float64))).astype(np.float32)
-        distances_m = to_face.astype(np.float64) * prior_map.resolution
+        distances_m = cells_to_unset(~face).astype(np.float64) * prior_map.resolution
         self._distances_m = np.where(free, distances_m, -distances_m)
         # Where the known ends without a wall, the change of sign is no face.
         self._distances_m[beside_free & ~free & ~face] = np.nan

@@ -9,7 +9,14 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from midnet_bench.geometry import Point
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, connected_to, values_at
+from midnet_bench.grid import (
+    OCCUPIED_FROM,
+    OccupancyGrid,
+    cell_centers,
+    cells_to_unset,
+    connected_to,
+    values_at,
+)
 
 _SLACK = 1e-6  # Keeps cells exactly one cell apart within one cell, whatever the rounding.
 
@@ -70,12 +77,12 @@ def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) ->
     """
     free = (truth.data >= 0) & (truth.data < OCCUPIED_FROM)
     # From centre to centre; an obstacle begins half a cell earlier, and so does the world beyond the grid.
-    around = cv2.distanceTransform(np.pad(free, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    around = cells_to_unset(np.pad(free, 1))
     fits = (around[1:-1, 1:-1] - 0.5) * truth.resolution >= robot_radius_m
     within = connected_to(*truth.cell_at(*start), fits)
     if not within.any():
         raise ValueError(f"no robot of radius {robot_radius_m} m fits at ({start[0]}, {start[1]})")
-    to_centres = cv2.distanceTransform((~within).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    to_centres = cells_to_unset(~within)
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
 
 

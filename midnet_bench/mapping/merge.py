@@ -15,7 +15,7 @@ import numpy.typing as npt
 import scipy.fft
 
 from midnet_bench.geometry import Pose2D, mean_point, wrap_angle
-from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cell_centers, values_at
+from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cell_centers, cells_to_unset, values_at
 from midnet_bench.mapping.grid_slam import hill_climb
 from midnet_bench.mapping.mapping_settings import MergeSettings
 
@@ -95,7 +95,7 @@ def _features(grid: OccupancyGrid) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
     none = np.zeros((0, 2)), np.zeros((0, 61), dtype=np.uint8)
     if not_wall.all():
         return none
-    distance_m = cv2.distanceTransform(not_wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * grid.resolution
+    distance_m = cells_to_unset(not_wall) * grid.resolution
     image = np.rint(np.minimum(distance_m, _HALO_M) * (255.0 / _HALO_M)).astype(np.uint8)
     keypoints, descriptors = cv2.AKAZE.create().detectAndCompute(image, None)
     if descriptors is None:
@@ -269,7 +269,7 @@ def _grown(cells: FloatArray) -> npt.NDArray[np.bool_]:
 
 def _distance_m(mask: npt.NDArray[np.bool_], resolution: float) -> Image:
     """(H, W) float32 from each set cell's centre to the nearest cell that is not set, metres."""
-    cells = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cells = cells_to_unset(mask)
     return np.asarray(cells * resolution, dtype=np.float32)
 
 

@@ -9,14 +9,13 @@ import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from typing import IO, Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.detectors import evidence
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.geometry import Box, Pose2D, Scan
-from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, values_at
+from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, cells_to_unset, values_at
 from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
@@ -85,7 +84,7 @@ class Explainer:
         solid = (prior_map.data == 100).astype(np.uint8)
         self._wall_m = np.full(solid.shape, math.inf)
         if solid.any():
-            away = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            away = cells_to_unset(1 - solid)
             self._wall_m = away.astype(np.float64) * prior_map.resolution
         self._matcher: ScanToMap | None = None
         self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}

@@ -23,7 +23,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Point, Solid, dense_outline, lengths
-from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
+from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, cells_to_unset, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.map_server import load_map, read_image
@@ -185,7 +185,7 @@ def _floor(arena: Arena) -> tuple[OccupancyGrid, list[ClosedFloor]]:
     reachable = near.with_data(connected_to(*near.cell_at(*arena.robots.center_m), floor))
     closed = (floor & ~reachable.data).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
-    room_m = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    room_m = cells_to_unset(np.pad(closed, 1))[1:-1, 1:-1]
     rows, columns = np.nonzero(inside)
     borders = {int(rows.min()), int(rows.max())}, {int(columns.min()), int(columns.max())}
     pieces = []

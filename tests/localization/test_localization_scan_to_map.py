@@ -1,6 +1,5 @@
 import math
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -267,16 +266,3 @@ def test_a_robot_with_wrong_wheels_stays_on_the_map():
         if step > 600:
             assert with_map.pose.distance_to(truth) < 0.015
     assert alone.pose.distance_to(truth) > 0.03
-
-
-def test_the_number_of_opencvs_threads_changes_no_bit():
-    cells = np.where(np.random.default_rng(1).random((420, 430)) > 0.004, 0, 100).astype(np.int8)
-    grid = OccupancyGrid(cells, CELL_M, (0.0, 0.0))
-    before, found = cv2.getNumThreads(), []
-    try:
-        for threads in (1, 2):
-            cv2.setNumThreads(threads)
-            found.append(ScanToMap(grid)._distances_m.tobytes())
-    finally:
-        cv2.setNumThreads(before)
-    assert found[0] == found[1]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import LidarGeometry, Pose2D
-from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
+from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cells_to_unset, values_at
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import spread
 from midnet_bench.recording.plan import Link, Recorded, RobotPlan, geometry_of
@@ -100,7 +100,7 @@ class Walls:
         # where all behind a wall is drawn solid, nothing ends a beam there
         depth = 2 * math.ceil(WALL_DEPTH_M / grid.resolution) + 1
         wall = solid - cv2.erode(solid, np.ones((depth, depth), np.uint8))
-        to_wall = cv2.distanceTransform(1 - wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        to_wall = cells_to_unset(1 - wall)
         self.distances_m = to_wall * np.float32(grid.resolution)
         """float32 (H, W), from a cell's centre to that of the nearest occupied one of a wall; a metre of
         margin all around"""

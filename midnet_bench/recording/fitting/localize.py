@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, Scan, wrap_angle
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of, cells_to_unset
 from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.recording.fitting.fit import Walls
 
@@ -149,7 +149,7 @@ class Localizer:
 def _thickness(grid: OccupancyGrid) -> Floats:
     """(H, W) how thick the walls about each cell are drawn, metres: one cell at least; 0 for solid ones."""
     occupied = np.pad((grid.data >= OCCUPIED_FROM).view(np.uint8), 1)
-    inner = cv2.distanceTransform(occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    inner = cells_to_unset(occupied)
     reach = 2 * math.ceil(THICKEST_M / 2.0 / grid.resolution) + 1
     deepest = cv2.dilate(inner, np.ones((reach, reach), np.uint8))[1:-1, 1:-1]
     thickness_m = np.maximum(2.0 * deepest.astype(np.float64) - 1.0, 1.0) * grid.resolution

@@ -60,7 +60,7 @@ class Returns:
         self._poses[:, :, 2] = np.unwrap(self._poses[:, :, 2], axis=1)
         self.middle = self._poses[:, steps, :2].mean(axis=0)
         """(2,) of the robot's ways, metres: a map turns about it here"""
-        lever = self.lever_m = math.sqrt(np.square(plain).sum() / max(len(plain), 1))
+        lever = math.sqrt(np.square(plain).sum() / max(len(plain), 1))
         """root mean square of the ranges"""
         rates = self._rates(0.0)
         self.speed_mps = math.sqrt(
