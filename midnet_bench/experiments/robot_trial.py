@@ -1,8 +1,6 @@
 """``RobotTrial``: what every trial with robots in it has: a world, a fleet, and how each robot did."""
 
-import math
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Self
 
 from midnet_bench.agents.mobile_robot import MobileRobot
@@ -18,11 +16,7 @@ class RobotTrial:
     """A world of its own with robots in motion. A context manager."""
 
     def __init__(
-        self,
-        layout: Layout,
-        robots: Sequence[MobileRobot],
-        settings: SimulationSettings,
-        seed: int,
+        self, layout: Layout, robots: Sequence[MobileRobot], settings: SimulationSettings, seed: int
     ) -> None:
         """Let ``robots`` stand where ``layout`` has them; time is 0."""
         self.world = World(layout, settings.world, settings.robot_model)
@@ -34,9 +28,7 @@ class RobotTrial:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.world.close()
 
     def rows_of_robots(self) -> list[Row]:
@@ -52,11 +44,7 @@ class RobotTrial:
                 "collisions": int(collisions[robot.index]),
                 "walls_crossed": int(health.crossings[robot.index]),
                 "recoveries": robot.navigator.recoveries,
-                "pose_error_m": self._pose_error_m(robot),
+                "pose_error_m": robot.pose.distance_to(self.world.pose(robot.index)),
             }
             for robot in self.fleet.robots
         ]
-
-    def _pose_error_m(self, robot: MobileRobot) -> float:
-        x, y, _ = self.world.pose(robot.index)
-        return math.hypot(robot.pose.x - x, robot.pose.y - y)

@@ -30,6 +30,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.guarded_arena import ScoredFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import STOP, Command, lengths
 from midnet_bench.grid import OccupancyGrid
@@ -362,7 +363,7 @@ def recorded() -> Recording:
             team = trial.detector.midnet.team_of(found, [one.pose for one in observations])
             kept = np.concatenate(found)[team.kept]
             boxes = [kept[team.starts[i] : team.starts[i + 1]] for i in range(TEAM)]
-            seen = trial.metric_frame(frame, trial.truths(), trial.in_range())
+            seen = trial.metric_frame(ScoredFrame(number, frame, trial.truths(), trial.in_range()))
             frames.append(Frame(observations, boxes, time_s, targets, number % TEAM, seen))
         paper_ms = 1e3 * statistics.median(times_s)
         range_m = parameters.costmap.obstacle_range_m

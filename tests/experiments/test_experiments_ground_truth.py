@@ -19,7 +19,8 @@ from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
-from midnet_bench.experiments.detection.trial import DetectionTrial, ScoredFrame
+from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.guarded_arena import ScoredFrame
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import OVERRIDING, Oracle
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters

@@ -20,7 +20,7 @@ def test_false_and_missed_are_those_that_the_score_counts() -> None:
     with DetectionTrial(parameters, 7) as trial:
         for frame in trial.frames(explain=True):
             scored.append(frame)
-            scenes.append(scene_of(trial, frame.midnet, frame.truths, frame.in_range))
+            scenes.append(scene_of(trial, frame))
     false = [sum(found.is_false for found in scene.detections) for scene in scenes]
     assert false == [frame.counts.fp for frame in scored]
     assert sum(false) > 0, "a trial without any shows nothing here"
@@ -36,10 +36,10 @@ def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None
     with LabyrinthTrial(LabyrinthParameters.parse({"robots": 2, "intruders": 2}, "test"), 3) as trial:
         setup = setup_of(trial)
         frame = next(iter(trial.frames(explain=True)))
-        before = scene_of(trial, frame, trial.truths(), trial.in_range(trial.truths()))
+        before = scene_of(trial, trial.scored(frame))
         trial.fleet.remove(trial.intruders[0])
         trial.outcomes[trial.intruders[0].index].left_at_s = trial.fleet.time_s
-        after = scene_of(trial, frame, trial.truths(), trial.in_range(trial.truths()))
+        after = scene_of(trial, trial.scored(frame))
         escapes = [trial.outcomes[robot.index].escape for robot in trial.intruders]
     assert (setup.guards, setup.mobile_intruders, setup.plan.title) == (2, 2, "Map 2, seed 3")
     assert [robot.goal for robot in before.robots if not robot.is_guard] == escapes

@@ -22,5 +22,5 @@ def _scenes(trial: DetectionTrial) -> Iterator[Scene]:
     summed = NOTHING
     for scored in trial.frames(explain=True):
         summed = total([summed, scored.counts])
-        scene = scene_of(trial, scored.midnet, scored.truths, scored.in_range)
+        scene = scene_of(trial, scored)
         yield replace(scene, so_far=ratios(summed.tp, summed.fp, summed.fn))

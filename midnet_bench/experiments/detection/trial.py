@@ -1,7 +1,7 @@
 """The detection test of section V.A: which intruders are seen, frame by frame."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,21 +12,17 @@ from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
-from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ObservedFrame
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ScoredFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.experiments.guarded.recorder import recorder_of
+from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.geometry import Point, Solid
-from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.plugins import PluginError
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import (
     CauseCounter,
     Causes,
     FrameCounts,
-    FrameMatch,
     TruthObject,
-    count_frame,
-    match_frame,
     ratios,
     total,
     total_causes,
@@ -39,23 +35,6 @@ ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
 OPPOSITE_EVERY = 10
 """MIDNet runs anew in opposite order of the robots in each tenth frame: it costs as much as a frame."""
-
-
-@dataclass(frozen=True)
-class ScoredFrame:
-    """One frame and how it was scored."""
-
-    number: int  # counted from 1
-    midnet: ObservedFrame
-    truths: list[TruthObject]
-    in_range: list[bool]
-    match: FrameMatch
-    counts: FrameCounts
-
-    @property
-    def observations(self) -> Sequence[Observation]:
-        """Of each guard what MIDNet received: its pose, its costmap and its last scan."""
-        return self.midnet.observations
 
 
 class Scorer:
@@ -75,7 +54,7 @@ class Scorer:
         """by which intruders' boxes are wider than they are"""
         if test.truth_box == "inflated":
             self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
-        self.recorder = recorder_of(trial, test, node)
+        self.recorder = Recorder(trial, test, node)
 
 
 class DetectionTrial(GuardedArena):
@@ -117,12 +96,10 @@ class DetectionTrial(GuardedArena):
         if is_fused_anew:
             fused = fused_by_identity(midnet, truths)
             midnet = replace(midnet, detections=fused.detections, robots=fused.robots)
-        in_range = self.in_range(scorer)
-        match = match_frame(midnet.detections, truths)
-        counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
-        if scorer.recorder is not None:
-            scorer.recorder.take(number, midnet, truths, in_range, match)
-        return ScoredFrame(number, midnet, truths, in_range, match, counts)
+        frame = ScoredFrame(number, midnet, truths, self.in_range(scorer), test.tp_boxes)
+        if scorer.recorder:
+            scorer.recorder.take(frame)
+        return frame
 
     def causes(self, frame: ScoredFrame, scorer: Scorer) -> Causes:
         """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
@@ -191,7 +168,7 @@ class DetectionTrial(GuardedArena):
             "scores": [scores],
             "frames": [{"frame": number, **counts._asdict()} for number, counts in enumerate(frames, 1)],
             "robots": self.rows_of_robots(),
-            **(scorer.recorder.tables() if scorer.recorder else {}),
+            **scorer.recorder.tables(),
         }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 

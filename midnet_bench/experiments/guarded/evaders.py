@@ -4,6 +4,7 @@ They are no robots of the benchmark: one that hides knows the true position of e
 reaches a guard.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from midnet_bench.arena.free_space import FreeSpace
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Point, lengths
 from midnet_bench.rng import stream
-from midnet_bench.simulation.crowd import Crowd, DynamicObstacle
+from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.fleet import CONTROL_HZ, crossed_wall, surfaces
 from midnet_bench.simulation.world import World
 
@@ -29,39 +30,30 @@ class EvaderPolicy:
     """One intruder's behaviour: where it wants to be at a time."""
 
     def __init__(self, settings: Behaviour, free: FreeSpace, name: str, seed: int, walls: Floats) -> None:
-        self._settings = settings
-        self._free = free
+        self._settings, self._free, self._walls = settings, free, walls
         self._rng = stream(seed, "goals", name)
-        self._walls = walls
-        cycle_s = settings.walk_s + settings.pause_s
+        self._cycle_s = settings.walk_s + settings.pause_s
         # not all of them pause at once: the first walk is a part of one
-        self._early_s = float(stream(seed, "pause", name).uniform(0.0, settings.walk_s)) if cycle_s else 0.0
-        self._next = 0
+        self._early_s = (
+            float(stream(seed, "pause", name).uniform(0.0, settings.walk_s)) if self._cycle_s else 0.0
+        )
+        self._path = itertools.cycle(settings.path_m)
         self._hidden_until_s = 0.0
-
-    def pauses(self, time_s: float) -> bool:
-        """Whether it pauses now."""
-        settings = self._settings
-        if not settings.pause_s:
-            return False
-        return (time_s + self._early_s) % (settings.walk_s + settings.pause_s) >= settings.walk_s
 
     def goal(self, at: Point, goal: Point | None, time_s: float, guards: Floats) -> Point | None:
         """Where to go now: ``goal``, which it has, or another; None to stand.
 
         ``at``: where it is; ``guards``: (n, 2) where they truly are, map frame, metres.
         """
-        kind = self._settings.behaviour
-        if kind == "stand" or self.pauses(time_s):
+        kind, walk_s = self._settings.behaviour, self._settings.walk_s
+        pauses = self._settings.pause_s and (time_s + self._early_s) % self._cycle_s >= walk_s
+        if kind == "stand" or pauses:
             return None
         if kind == "hide":
             return self._hiding_place(at, goal, time_s, guards)
         if goal is not None:
             return goal
-        if kind == "follow":
-            self._next += 1
-            return self._settings.path_m[(self._next - 1) % len(self._settings.path_m)]
-        return self._free.draw(self._rng)
+        return next(self._path) if kind == "follow" else self._free.draw(self._rng)
 
     def _hiding_place(self, at: Point, goal: Point | None, time_s: float, guards: Floats) -> Point | None:
         """The nearest place of some that no guard sees; if all are seen, the one farthest from all guards.
@@ -97,24 +89,17 @@ class Evaders:
     """Gives Burgers, people and things their goals, ten times a second."""
 
     def __init__(
-        self,
-        layout: Layout,
-        burgers: Sequence[MobileRobot],
-        free: FreeSpace,
-        crowd: Crowd,
-        seed: int,
-        guards: int,
+        self, layout: Layout, burgers: Sequence[MobileRobot], free: FreeSpace, crowd: Crowd, seed: int
     ) -> None:
-        """``free``: where Burgers may go; ``guards``: how many of the first robots are guards."""
-        walls = surfaces(layout)
-        self._guards = guards
-        settings = layout.arena.mobile_intruders
-        self._burgers: list[tuple[MobileRobot, EvaderPolicy]] = []
-        if settings.behaviour != "wander" or settings.pause_s:
-            self._burgers = [
-                (robot, EvaderPolicy(settings, free, robot.name, seed, walls)) for robot in burgers
-            ]
-        self._members: list[tuple[DynamicObstacle, EvaderPolicy]] = [
+        """``free``: where Burgers may go."""
+        walls, settings = surfaces(layout), layout.arena.mobile_intruders
+        self._guards = len(layout.robots)
+        is_plain = settings.behaviour == "wander" and not settings.pause_s  # as the trial itself does it
+        self._burgers = [
+            (robot, EvaderPolicy(settings, free, robot.name, seed, walls))
+            for robot in ([] if is_plain else burgers)
+        ]
+        self._members = [
             (member, EvaderPolicy(member.group, member.free, member.name, seed, walls))
             for member in crowd.members
         ]
@@ -123,10 +108,8 @@ class Evaders:
         """Update all goals, if it is time to."""
         if world.tick % (world.step_hz // CONTROL_HZ):
             return
-        time_s = world.tick / world.step_hz
-        poses = world.poses()
-        guards = poses[: self._guards, :2]
-        guards = np.ascontiguousarray(guards[world.active[: self._guards]])
+        time_s, poses = world.tick / world.step_hz, world.poses()
+        guards = np.ascontiguousarray(poses[: self._guards, :2][world.active[: self._guards]])
         for robot, policy in self._burgers:
             if not world.active[robot.index]:
                 continue

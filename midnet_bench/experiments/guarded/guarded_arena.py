@@ -3,12 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.agent_settings import PATROLS
-from midnet_bench.agents.mobile_robot import Guard, MobileRobot
+from midnet_bench.agents.mobile_robot import GoalSource, Guard, MobileRobot
 from midnet_bench.agents.patrol import Patrol, TeamPatrol, patrol_points, safe_distance
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import Layout, place
@@ -29,8 +31,17 @@ from midnet_bench.midnet.pipeline import Frame, Observation
 from midnet_bench.navigation.navigation_settings import NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
-from midnet_bench.scoring.frame_counts import TruthObject
+from midnet_bench.scoring.frame_counts import (
+    FrameCounts,
+    FrameMatch,
+    TruePositives,
+    TruthObject,
+    count_frame,
+    match_frame,
+)
 from midnet_bench.scoring.metric import MetricFrame
+
+Robot = TypeVar("Robot", bound=MobileRobot)
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,32 @@ class ObservedFrame(Frame):
 
     observations: Sequence[Observation] = field(default=(), compare=False, repr=False)
     """each guard's pose, costmap and last scan"""
+
+
+@dataclass(frozen=True)
+class ScoredFrame:
+    """One frame beside the truth of its instant."""
+
+    number: int  # counted from 1
+    midnet: ObservedFrame
+    truths: list[TruthObject]
+    in_range: list[bool]  # for each truth, whether missing it counts
+    tp_boxes: TruePositives = "every"
+
+    @cached_property
+    def match(self) -> FrameMatch:
+        """Which box is paired with which intruder."""
+        return match_frame(self.midnet.detections, self.truths)
+
+    @cached_property
+    def counts(self) -> FrameCounts:
+        """Its counts, as section V.A has them and one to one."""
+        return count_frame(self.midnet.detections, self.truths, self.in_range, self.tp_boxes, self.match)
+
+    @property
+    def observations(self) -> Sequence[Observation]:
+        """Of each guard what MIDNet received: its pose, its costmap and its last scan."""
+        return self.midnet.observations
 
 
 class GuardedArena(RobotTrial):
@@ -69,26 +106,21 @@ class GuardedArena(RobotTrial):
         self.intruders: list[MobileRobot] = []
         self._make_robots()
         super().__init__(self.layout, [*self.guards, *self.intruders], parameters.robot_simulation, seed)
-        self._scan_callbacks: list[ScanCallback] = []
         self._override_of: dict[DetectorNode, GroundTruthOverride] = {}
-        self._override(nodes, tests)
-        self._overrides = list(dict.fromkeys(self._override_of.values()))
+        self._overrides = self._override(nodes, tests)
         own = [node.costmaps for node in nodes if node not in self._override_of]
         for guard in self.guards:
             # nodes may share a costmap, which takes each scan once
             guard.detection_costmaps = list(dict.fromkeys(costmaps[guard.index] for costmaps in own))
         self._evaders: Evaders | None = None
         if self.arena.has_behaviours:
-            self._evaders = Evaders(
-                self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards)
-            )
+            self._evaders = Evaders(self.layout, self.intruders, self.goal_space(), self.crowd, seed)
         self.tick_callbacks: list[Callable[[Sequence[MobileRobot]], None]] = []
         """called after each tick with the robots that were due in it"""
         self.frame_callbacks: list[Callable[[Frame], None]] = []
         """called with each frame of ``detector``, before any robot uses it"""
         self.guards_alive = list(self.guards)
         """those that have not died"""
-        self._dying = self.guards[: parameters.dying_guards]
         network = parameters.network
         self._network = NetworkModel(network, self.guards, seed) if network.is_used else None
 
@@ -97,7 +129,7 @@ class GuardedArena(RobotTrial):
         """The binary grid that MIDNet subtracts, uint8, 0 occupied."""
         return self.detector.prior
 
-    def next_frame(self, explain: bool = False) -> Frame:
+    def next_frame(self, explain: bool = False) -> ObservedFrame:
         """MIDNet's detections 0.2 s later."""
         self.advance()
         return self.detected(self.detector, explain)
@@ -106,14 +138,15 @@ class GuardedArena(RobotTrial):
         """The detections of one of this trial's detectors now; take each instant once, in order."""
         observations = self.observations(node)
         frame = node.detect(observations, self.fleet.time_s, explain)
-        frame = ObservedFrame(frame.detections, frame.robots, frame.explanation, observations)
+        observed = ObservedFrame(frame.detections, frame.robots, frame.explanation, observations)
         if node is self.detector:
             for callback in self.frame_callbacks:
-                callback(frame)
-        return frame
+                callback(observed)
+        return observed
 
     def advance(self) -> None:
         """Let 0.2 s pass, a frame."""
+        dying = self.guards[: self.parameters.dying_guards]
         for _ in range(self.step_hz // FRAME_HZ):
             if self._evaders is not None:
                 self._evaders.update(self.world)
@@ -124,23 +157,22 @@ class GuardedArena(RobotTrial):
                 self._network.send(due, self.fleet.time_s)
             for override in self._overrides:
                 override.stepped(due)
-            if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
-                self.guards_alive = self.guards[len(self._dying) :]
-                while self._dying:
-                    self.fleet.stop(self._dying.pop(0))
+            has_to_die = self.fleet.time_s >= self.parameters.dying_after_s - 1e-9
+            for guard in dying if has_to_die else ():
+                if guard in self.guards_alive:
+                    self.guards_alive.remove(guard)
+                    self.fleet.stop(guard)
         for override in self._overrides:
             override.before_frame(self.guards_alive, self.fleet.time_s)
 
-    def metric_frame(
-        self, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
-    ) -> MetricFrame:
-        """The newest frame and the truth of it."""
+    def metric_frame(self, frame: ScoredFrame) -> MetricFrame:
+        """What metrics take of the newest frame."""
         guards = [guard.index for guard in self.guards_alive]
         return MetricFrame(
             self.fleet.time_s,
-            np.array(frame.detections, dtype=np.float64).reshape(-1, 4),
-            tuple(truths),
-            tuple(in_range),
+            np.array(frame.midnet.detections, dtype=np.float64).reshape(-1, 4),
+            tuple(frame.truths),
+            tuple(frame.in_range),
             self.world.poses()[guards, :2],
             self.patrol.points,
         )
@@ -180,8 +212,7 @@ class GuardedArena(RobotTrial):
 
     def sensor_positions(self) -> list[Point]:
         """(x, y) of each guard's LiDAR as it truly is, map frame, metres."""
-        poses = self.world.poses()
-        mount = self.robot.lidar.mount
+        poses, mount = self.world.poses(), self.robot.lidar.mount
         return [Pose2D(*poses[guard.index].tolist()).compose(mount)[:2] for guard in self.guards]
 
     def next_patrol_point(self, robot: MobileRobot) -> Point:
@@ -191,23 +222,20 @@ class GuardedArena(RobotTrial):
 
     def _placed(self, mobile_intruders: int | None) -> Layout:
         """Where everything starts."""
-        robots, reach_m = self.parameters.robots, self.robot.body_reach_m
-        return place(self.arena, self.seed, robots, mobile_intruders, reach_m)
+        return place(self.arena, self.seed, self.parameters.robots, mobile_intruders, self.robot.body_reach_m)
 
     def _on_scan(self, callback: ScanCallback) -> None:
-        if not self._scan_callbacks:
-            self.fleet.scan_callbacks.append(self._scanned)
-        self._scan_callbacks.append(callback)
+        """Let ``callback`` have each scan of a guard, once the guard has it."""
 
-    def _scanned(self, robots: Sequence[MobileRobot], ranges_m: npt.NDArray[np.float64]) -> None:
-        """Hand the scans of guards on."""
-        true = self.lidars.newest
-        assert true is not None
-        for row, robot in enumerate(robots):
-            if isinstance(robot, Guard):
-                assert robot.scan is not None
-                for callback in self._scan_callbacks:
+        def scanned(robots: Sequence[MobileRobot], ranges_m: npt.NDArray[np.float64]) -> None:
+            true = self.lidars.newest
+            assert true is not None
+            for row, robot in enumerate(robots):
+                if isinstance(robot, Guard):
+                    assert robot.scan is not None
                     callback(robot, robot.scan, true.of(row))
+
+        self.fleet.scan_callbacks.append(scanned)
 
     def _believed_start(self, name: str, start: Pose2D) -> Pose2D:
         """The initial pose estimate of a guard."""
@@ -224,30 +252,27 @@ class GuardedArena(RobotTrial):
 
     def _make_nodes(self, tests: Sequence[GuardParameters]) -> list[DetectorNode]:
         """The detector's node of each test."""
-        exact = self.prior_map
+        maps = {False: self.prior_map}
         if any(test.oracle == "map" for test in tests):
-            exact = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
+            maps[True] = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
         sights = [
-            Sight(
-                test,
-                exact if test.oracle == "map" else self.prior_map,
-                test.oracle if test.oracle in OVERRIDING else None,
-            )
+            Sight(test, maps[test.oracle == "map"], test.oracle if test.oracle in OVERRIDING else None)
             for test in tests
         ]
         return detector_nodes(sights, self.parameters.robots)
 
-    def _override(self, nodes: Sequence[DetectorNode], tests: Sequence[GuardParameters]) -> None:
+    def _override(
+        self, nodes: Sequence[DetectorNode], tests: Sequence[GuardParameters]
+    ) -> list[GroundTruthOverride]:
         """Let the referee take scans in where an oracle overrides them; nodes that share scans share it."""
         made: dict[int, GroundTruthOverride] = {}
         for node, test in zip(nodes, tests, strict=True):
-            if test.oracle not in OVERRIDING:
-                continue
-            if id(node.scans) not in made:
-                override = GroundTruthOverride(node, test.oracle, self, self.seed)
-                made[id(node.scans)] = override
-                self._on_scan(override.scanned)
-            self._override_of[node] = made[id(node.scans)]
+            if test.oracle in OVERRIDING:
+                if id(node.scans) not in made:
+                    made[id(node.scans)] = GroundTruthOverride(node, test.oracle, self, self.seed)
+                    self._on_scan(made[id(node.scans)].scanned)
+                self._override_of[node] = made[id(node.scans)]
+        return [*made.values()]
 
     def _make_patrol(self) -> Patrol | TeamPatrol:
         parameters, patrol = self.parameters, self.parameters.patrol
@@ -264,22 +289,24 @@ class GuardedArena(RobotTrial):
         """Make guards and intruders where the layout has them, guards first."""
         parameters = self.parameters
         pose_filter, timeout_s = parameters.pose_filter, parameters.goals.timeout_s
-        scan_to_map = None
-        if parameters.localization == "ukf+map":
-            scan_to_map = ScanToMap(self.prior_map)
+        scan_to_map = ScanToMap(self.prior_map) if parameters.localization == "ukf+map" else None
 
-        def parts(start: Pose2D, settings: NavigatorSettings) -> tuple[Navigator, PlanarUkf | None]:
+        def made(
+            kind: type[Robot], name: str, start: Pose2D, settings: NavigatorSettings, source: GoalSource
+        ) -> Robot:
+            index = len(self.guards) + len(self.intruders)
             ukf = None if pose_filter is None else PlanarUkf(start, pose_filter)
-            return Navigator(self.prior_map, settings), ukf
+            navigator = Navigator(self.prior_map, settings)
+            return kind(index, name, start, navigator, ukf, source, timeout_s, scan_to_map)
 
-        for i, start in enumerate(self.layout.robots):
-            name = f"guard {i + 1}"
+        for name, start in _named("guard", self.layout.robots):
             start = self._believed_start(name, start)
-            own = parts(start, parameters.guard_navigator)
-            self.guards.append(Guard(i, name, start, *own, self.next_patrol_point, timeout_s, scan_to_map))
-        for i, start in enumerate(self.layout.intruders):
-            name, own = f"intruder {i + 1}", parts(start, parameters.intruder_navigator)
-            index = len(self.guards) + i
-            self.intruders.append(
-                MobileRobot(index, name, start, *own, lambda robot: None, timeout_s, scan_to_map)
-            )
+            guard = made(Guard, name, start, parameters.guard_navigator, self.next_patrol_point)
+            self.guards.append(guard)
+        for name, start in _named("intruder", self.layout.intruders):
+            settings = parameters.intruder_navigator
+            self.intruders.append(made(MobileRobot, name, start, settings, lambda robot: None))
+
+
+def _named(role: str, starts: Sequence[Pose2D]) -> list[tuple[str, Pose2D]]:
+    return [(f"{role} {number}", start) for number, start in enumerate(starts, 1)]

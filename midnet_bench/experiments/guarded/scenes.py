@@ -1,17 +1,13 @@
 """A guarded trial as the plain data that pictures are drawn from."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.elementary import directions
-from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ScoredFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Pose2D
-from midnet_bench.midnet.pipeline import Frame
-from midnet_bench.scoring.frame_counts import TruthObject, match_frame
 
 
 def setup_of(trial: GuardedArena) -> Setup:
@@ -29,17 +25,8 @@ def setup_of(trial: GuardedArena) -> Setup:
     )
 
 
-def scene_of(
-    trial: GuardedArena, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
-) -> Scene:
-    """The trial as it is now, with the detections of ``frame``, its newest.
-
-    Args:
-        trial: at the frame's instant.
-        frame: what the detector says.
-        truths: the intruders that it is to find.
-        in_range: for each of them, whether not finding it is an error.
-    """
+def scene_of(trial: GuardedArena, frame: ScoredFrame) -> Scene:
+    """The trial as it is now, with its newest frame."""
     active, poses = trial.world.active, trial.world.poses()
     robots = [
         _robot(robot, Pose2D(*poses[robot.index].tolist()), trial)
@@ -52,23 +39,23 @@ def scene_of(
     }
     outlines |= {f"intruder {robot.number}": [robot.outline] for robot in robots if not robot.is_guard}
     outlines |= others
-    match = match_frame(frame.detections, truths)
+    match, midnet = frame.match, frame.midnet
     found = {truth for each in match.touched for truth in each}
     return Scene(
         time_s=trial.fleet.time_s,
-        frame=round(trial.fleet.time_s * FRAME_HZ),
+        frame=frame.number,
         robots=robots,
         detections=[
             Detection(box, guard + 1, not touched, is_further=bool(touched) and truth is None)
             for box, guard, touched, truth in zip(
-                frame.detections, frame.robots, match.touched, match.truth_of, strict=True
+                midnet.detections, midnet.robots, match.touched, match.truth_of, strict=True
             )
         ],
         truths=[
             Truth(outlines[truth.name], index in found, near)
-            for index, (truth, near) in enumerate(zip(truths, in_range, strict=True))
+            for index, (truth, near) in enumerate(zip(frame.truths, frame.in_range, strict=True))
         ],
-        explanation=frame.explanation,
+        explanation=midnet.explanation,
         others=list(others.values()),
         scans=[_returns(guard, trial) for guard in trial.guards if active[guard.index]],
     )

@@ -19,8 +19,13 @@ class Report(NamedTuple):
     """One message of a guard."""
 
     pose: Pose2D
-    costmaps: tuple[OccupancyGrid, ...]  # as published, in the order of the guard's own
+    costmaps: list[OccupancyGrid]  # as published, in the order of the guard's own
     scan: Scan | None
+
+    @classmethod
+    def of(cls, guard: Guard) -> "Report":
+        """What a guard sends now."""
+        return cls(guard.pose, [costmap.published() for costmap in guard.detection_costmaps], guard.scan)
 
 
 class NetworkModel:
@@ -35,13 +40,16 @@ class NetworkModel:
         self._guards = guards
         rngs = [stream(seed, "network", guard.name) for guard in guards]
         self._network: LossyNetwork[Report] = LossyNetwork(settings, rngs)
-        self._blind = [self._report(guard, sees=False) for guard in guards]
+        self._blind = [
+            Report(pose, [costmap.with_data(np.zeros_like(costmap.data)) for costmap in costmaps], None)
+            for pose, costmaps, _ in map(Report.of, guards)
+        ]
 
     def send(self, robots: Sequence[MobileRobot], time_s: float) -> None:
         """Let those of ``robots`` report that are guards; guard i of the team is robot i of the fleet."""
         for robot in robots:
             if isinstance(robot, Guard):
-                self._network.send(robot.index, self._report(robot), time_s)
+                self._network.send(robot.index, Report.of(robot), time_s)
 
     def received(self, node: DetectorNode, time_s: float) -> list[Observation]:
         """What a detector knows of each guard, in the team's order.
@@ -51,18 +59,12 @@ class NetworkModel:
         """
         found = []
         for guard, blind, costmap in zip(self._guards, self._blind, node.costmaps, strict=True):
+            pose, sight = blind.pose, blind
             message = self._network.latest(guard.index, time_s)
-            report = blind if message is None else message.payload
-            is_old = message is not None and (
-                self._timeout_s is not None and time_s - message.stamp_s > self._timeout_s + 1e-9
-            )
+            if message is not None:
+                pose = message.payload.pose
+                if self._timeout_s is None or time_s - message.stamp_s <= self._timeout_s + 1e-9:
+                    sight = message.payload
             which = guard.detection_costmaps.index(costmap)
-            sight = blind if is_old else report
-            found.append(Observation(report.pose, sight.costmaps[which], sight.scan))
+            found.append(Observation(pose, sight.costmaps[which], sight.scan))
         return found
-
-    def _report(self, guard: Guard, sees: bool = True) -> Report:
-        costmaps = [costmap.published() for costmap in guard.detection_costmaps]
-        if not sees:
-            costmaps = [costmap.with_data(np.zeros_like(costmap.data)) for costmap in costmaps]
-        return Report(guard.pose, tuple(costmaps), guard.scan if sees else None)

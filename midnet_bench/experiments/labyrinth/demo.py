@@ -10,7 +10,6 @@ from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
-from midnet_bench.midnet.pipeline import Frame
 
 
 @contextmanager
@@ -25,13 +24,10 @@ def demo(parameters: LabyrinthParameters, seed: int) -> Iterator[Demo]:
 def _scenes(trial: LabyrinthTrial) -> Iterator[Scene]:
     """Each frame with the intruders that leave after it, and the outcomes so far."""
     seen: list[Scene] = []
-
-    def keep(frame: Frame) -> None:
-        truths = trial.truths()
-        seen[:] = [scene_of(trial, frame, truths, trial.in_range(truths))]
-
-    for _ in trial.frames(explain=True, callback=keep):
-        yield replace(seen[0], chase=_chase(trial))
+    for _ in trial.frames(
+        explain=True, callback=lambda frame: seen.append(scene_of(trial, trial.scored(frame)))
+    ):
+        yield replace(seen.pop(), chase=_chase(trial))
 
 
 def _chase(trial: LabyrinthTrial) -> Chase:

@@ -11,10 +11,10 @@ from midnet_bench.agents.pursuit import Pursuit, TeamPursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
-from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ObservedFrame, ScoredFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.record import CAPTURES
-from midnet_bench.experiments.guarded.recorder import recorder_of
+from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
@@ -71,7 +71,7 @@ class LabyrinthTrial(GuardedArena):
         self._is_oracle = parameters.pursuit.rule == "oracle"
         rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
         self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
-        self.recorder = recorder_of(self, parameters)
+        self.recorder = Recorder(self, parameters)
         self.targets, self.ghosts = 0, 0
         """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
@@ -87,8 +87,8 @@ class LabyrinthTrial(GuardedArena):
         return [robot for robot in self.intruders if math.isnan(self.outcomes[robot.index].left_at_s)]
 
     def frames(
-        self, explain: bool = False, callback: Callable[[Frame], None] = lambda frame: None
-    ) -> Iterator[Frame]:
+        self, explain: bool = False, callback: Callable[[ObservedFrame], None] = lambda frame: None
+    ) -> Iterator[ObservedFrame]:
         """MIDNet's frames until every intruder is caught or gone, or the time is up (item 58).
 
         ``callback`` gets each before an intruder is taken out.
@@ -96,10 +96,8 @@ class LabyrinthTrial(GuardedArena):
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
             midnet = self.next_frame(explain or self._test.record)
-            if self.recorder is not None:  # before an intruder is taken out
-                number, truths = round(self.fleet.time_s * FRAME_HZ), self.truths()
-                in_range = self.in_range(truths)
-                self.recorder.take(number, midnet, truths, in_range, pursuers=self.pursuit.pursuers)
+            if self.recorder:  # before an intruder is taken out
+                self.recorder.take(self.scored(midnet), self.pursuit.pursuers)
             callback(midnet)
             self._update(midnet)
             yield midnet
@@ -109,10 +107,11 @@ class LabyrinthTrial(GuardedArena):
         outlines = {robot.name: self.lidars.outline(robot.index) for robot in self.present}
         return [TruthObject(name, box, box.center) for name, box in outlines.items()]
 
-    def in_range(self, truths: Sequence[TruthObject]) -> list[bool]:
-        """For each truth, whether its centre is within some guard's usable range."""
-        range_m = self._test.costmap.obstacle_range_m
-        return truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+    def scored(self, midnet: ObservedFrame) -> ScoredFrame:
+        """The newest frame beside the truth; in range is an intruder's centre."""
+        truths, range_m = self.truths(), self._test.costmap.obstacle_range_m
+        in_range = truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+        return ScoredFrame(round(self.fleet.time_s * FRAME_HZ), midnet, truths, in_range)
 
     def _placed(self, mobile_intruders: int | None) -> Layout:
         return layout_of(self._test, self.seed)
@@ -263,7 +262,7 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "trial": [row],
             "intruders": [outcome.row(number) for number, outcome in enumerate(outcomes, 1)],
             "robots": trial.rows_of_robots(),
-            **(trial.recorder.tables() if trial.recorder else {}),
+            **trial.recorder.tables(),
         }
         captures: list[Row] = [
             {"intruder": number, "guard": outcome.caught_by.index + 1}
