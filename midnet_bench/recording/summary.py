@@ -13,7 +13,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import lag_in_words
 from midnet_bench.recording.fitting.fit import samples_of
-from midnet_bench.recording.fitting.setup_check import NAMES, QUICK_SAMPLES, Proposal, verdict
+from midnet_bench.recording.fitting.setup_check import PARAMETERS, QUICK_SAMPLES, Proposal, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
 from midnet_bench.recording.recording_settings import ReplaySettings
@@ -63,9 +63,10 @@ def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
 
 def setup_table(name: str, proposal: Proposal) -> Table:
     """The setup that was found: each parameter with how far it can be changed within noise."""
-    values = (*proposal.mount, proposal.delay_s, *proposal.map_moved)
+    found = proposal.found
+    values = (*found.mount, found.delay_s, *found.map_moved)
     rows: list[dict[str, Scalar]] = []
-    for parameter, value in zip(NAMES, values, strict=False):
+    for parameter, value in zip(PARAMETERS, values, strict=True):
         span = proposal.ranges.get(parameter)
         factor = math.degrees(1.0) if parameter.endswith("yaw") else 1.0
         row: dict[str, Scalar] = {"parameter": parameter, "value": value * factor}
@@ -74,9 +75,9 @@ def setup_table(name: str, proposal: Proposal) -> Table:
             row |= {"less_by": span.below * factor, "more_by": span.above * factor}
             row["sure"] = "no" if span.is_open else "yes"
         rows.append(row)
-    rows.append({"parameter": "mirrored", "value": "yes" if proposal.is_mirrored else "no"})
+    rows.append({"parameter": "mirrored", "value": "yes" if found.is_mirrored else "no"})
     rows.append({"parameter": "share before", "value": proposal.share_before})
-    rows.append({"parameter": "share after", "value": proposal.share_after})
+    rows.append({"parameter": "share after", "value": found.share})
     return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)
 
 

@@ -288,19 +288,19 @@ def proposed_setup(inputs: ReplayInputs, found: Mapping[str, Proposal]) -> Recor
     is_team = len({robot.carrier for robot in inputs.robots}) > 1
     for robot in inputs.robots:
         proposal = found[robot.name]
-        kinds = set(proposal.kinds) if proposal.is_good else set()
+        kinds = set(proposal.found.kinds) if proposal.is_good else set()
         streams = [other.scan_topic for other in inputs.robots if other.carrier == robot.carrier]
         name = robot.carrier if is_team else EVERY
         laser = robot.scan_topic if len(streams) > 1 else name
         mirrored = given.get(robot.scan_topic, given.get(robot.carrier, given.get(EVERY, False)))
-        x, y, yaw = proposal.mount if kinds & {"mount", "turn"} else robot.mount
-        delay_s = robot.delay_ns / NS + (proposal.delay_s if "delay" in kinds else 0.0)
+        x, y, yaw = proposal.found.mount if kinds & {"mount", "turn"} else robot.mount
+        delay_s = robot.delay_ns / NS + (proposal.found.delay_s if "delay" in kinds else 0.0)
         values["scan"][name] = streams if len(streams) > 1 else robot.scan_topic
         values["pose"][name] = robot.pose_key
         values["mount"][laser] = [round(x, 3), round(y, 3), round(float(np.degrees(yaw)), 2)]
         values["mirrored"][laser] = mirrored != ("mirror" in kinds)
         if "map" in kinds:
-            values["start"][name] = start_of(proposal)
+            values["start"][name] = start_of(proposal.found)
         elif name in setup.start:
             values["start"].setdefault(name, setup.start[name])
         if delay_s:

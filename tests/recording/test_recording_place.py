@@ -140,18 +140,18 @@ def test_the_printed_correction_never_lowers_the_share(side_m, x, y, degrees):
         ranges_m = np.where(ranges_m > lidar.range_max_m, np.inf, ranges_m)
         samples.append(sample_at(number, off.compose(pose), ranges_m, lidar))
     found = find_setup(samples, grid)
-    if "map" not in found.kinds:
+    if "map" not in found.found.kinds:
         return
-    x, y, yaw_deg = start_of(found)
+    x, y, yaw_deg = start_of(found.found)
     moved = Pose2D(x, y, math.radians(yaw_deg)).compose(samples[0].pose.inverse())
-    mount = found.mount if {"mount", "turn"} & set(found.kinds) else Pose2D(0, 0, 0)
+    mount = found.found.mount if {"mount", "turn"} & set(found.found.kinds) else Pose2D(0, 0, 0)
     lidar = LidarGeometry(180, -math.pi, math.tau / 180, 0.1, 6.0, mount)
     after = [
         sample_at(number, moved.compose(one.pose), one.ranges_m, lidar) for number, one in enumerate(samples)
     ]
     before, now = (fit_of(each, Walls(grid)).on_walls for each in (samples, after))
     assert now >= before
-    assert now >= found.share_after - 0.02
+    assert now >= found.found.share - 0.02
 
 
 @pytest.mark.parametrize("degrees", [0.5, 30.0, 90.0, -170.0])

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import map_coordinates
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import LidarGeometry, Pose2D
@@ -19,11 +20,10 @@ from midnet_bench.recording.setup import RecordingSetup
 
 Floats = npt.NDArray[np.float64]
 
-ON_WALL_M, ON_WALL_CELLS = 0.1, 1.5
+ON_WALL_M, ON_WALL_CELLS = 0.075, 1.5
 """A return this near to a mapped wall lies on it: the larger of the two counts."""
 WALL_DEPTH_M = 0.2
 """Occupied cells further than this from any other are what lies behind a wall, not the wall."""
-MOST = 120
 REACH_S, STEP_S = 0.8, 0.04  # how far before and after a scan its robot's poses are sampled, and how densely
 
 
@@ -48,7 +48,7 @@ class Sample(NamedTuple):
         return np.asarray(lidar.directions[met] * self.ranges_m[met, None])
 
 
-def samples_of(recorded: Recorded, robot: RobotPlan, setup: RecordingSetup, most: int = MOST) -> list[Sample]:
+def samples_of(recorded: Recorded, robot: RobotPlan, setup: RecordingSetup, most: int = 120) -> list[Sample]:
     """At most so many scans of a robot that have a pose, spread over what was looked at."""
     links: list[PoseTrack | Pose2D] = []
     for link in robot.pose.links:
@@ -59,12 +59,10 @@ def samples_of(recorded: Recorded, robot: RobotPlan, setup: RecordingSetup, most
         for reading in link.seen(recorded.surveys):
             track.take(stamp_ns(reading, setup.clock) + recorded.offsets_ns[link.source], reading)
     pose_of = PoseInterpolator(links)
-    scans = [
-        scan for scan in recorded.surveys[robot.source].streams[robot.scan_topic].scans if len(scan.ranges_m)
-    ]
+    stream = recorded.surveys[robot.source].streams[robot.scan_topic]
     around_ns = (np.arange(-REACH_S, REACH_S + STEP_S / 2.0, STEP_S) * NS).astype(np.int64)
     samples = []
-    for scan in spread(scans, most):
+    for scan in spread([scan for scan in stream.scans if len(scan.ranges_m)], most):
         time_ns = stamp_ns(scan, setup.clock) + recorded.offsets_ns[robot.source] - robot.delay_ns
         estimate = pose_of.at(time_ns)
         if estimate is None or estimate.age_s > setup.max_pose_age_s:
@@ -84,7 +82,7 @@ def samples_of(recorded: Recorded, robot: RobotPlan, setup: RecordingSetup, most
 
 
 class Walls:
-    """The distance to the nearest wall of a map, everywhere on it."""
+    """The distance to the nearest wall of a map, everywhere on it and a metre around: a likelihood field."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         """``grid``: int8, -1 unknown, 65 and more occupied, map frame. Raises InputError without a wall."""
@@ -94,36 +92,20 @@ class Walls:
         self.grid = grid
         self.near_m = max(ON_WALL_M, ON_WALL_CELLS * grid.resolution)
         """a return at most this far from a wall lies on it"""
-        # around the map too: a moved scan may lie beyond its edge
         margin = math.ceil(1.0 / grid.resolution)
         solid = np.pad(occupied.view(np.uint8), margin)
         # where all behind a wall is drawn solid, nothing ends a beam there
         depth = 2 * math.ceil(WALL_DEPTH_M / grid.resolution) + 1
         wall = solid - cv2.erode(solid, np.ones((depth, depth), np.uint8))
-        to_wall = cells_to_unset(1 - wall)
-        self.distances_m = to_wall * np.float32(grid.resolution)
-        """float32 (H, W), from a cell's centre to that of the nearest occupied one of a wall; a metre of
-        margin all around"""
-        x, y = grid.origin
-        self.corner = (x - margin * grid.resolution, y - margin * grid.resolution)
-        """(x, y) of the first cell's outer corner, metres"""
-        self.far_m = float(self.distances_m.max()) + 1.0
-        """the distance of points off the field"""
+        self.distances_m = cells_to_unset(1 - wall).astype(np.float64) * grid.resolution
+        """(H, W), from a cell's centre to that of the nearest occupied one of a wall"""
+        self._far_m = float(self.distances_m.max()) + 1.0
+        self.first_center = grid.center_of(-margin, -margin)
 
     def distances(self, points: Floats) -> Floats:
-        """(n,) metres from (n, 2) points of the map frame to the nearest wall, as their cells have it."""
-        rows, columns = self.distances_m.shape
-        column, row = (
-            np.floor((points[:, k] - self.corner[k]) / self.grid.resolution).astype(np.int64) for k in (0, 1)
-        )
-        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        distances = np.full(len(points), self.far_m)
-        distances[inside] = self.distances_m[row[inside], column[inside]]
-        return distances
-
-    def on_walls(self, points: Floats) -> npt.NDArray[np.bool_]:
-        """(n,) whether each of (n, 2) points of the map frame lies on a mapped wall."""
-        return np.asarray(self.distances(points) <= self.near_m)
+        """(n,) metres from (n, 2) points of the map frame to the nearest wall, read between the cells."""
+        column, row = ((points - self.first_center) / self.grid.resolution).T
+        return np.asarray(map_coordinates(self.distances_m, (row, column), order=1, cval=self._far_m))
 
     def unmapped(self, points: Floats) -> npt.NDArray[np.bool_]:
         """(n,) whether each of (n, 2) points lies outside the map or in a cell that it does not know."""
@@ -147,13 +129,19 @@ class Fit(NamedTuple):
 
 def fit_of(samples: Sequence[Sample], walls: Walls) -> Fit:
     """How the scans lie on the walls as everything is set now."""
-    off = returns = on = unknown = 0
-    for sample in samples:
-        pose = sample.pose
-        points = pose.compose(sample.lidar.mount).transform(sample.ends())
-        on_walls = walls.on_walls(points)
-        returns, on = returns + len(points), on + int(on_walls.sum())
-        unknown += int((walls.unmapped(points) & ~on_walls).sum())
-        off += bool(walls.unmapped(np.array([pose[:2]]))[0])
-    on_share, unknown_share = (count / returns if returns else math.nan for count in (on, unknown))
-    return Fit(returns, on_share, unknown_share, off / len(samples) if samples else math.nan)
+    poses = [sample.pose for sample in samples]
+    ends = [
+        pose.compose(sample.lidar.mount).transform(sample.ends())
+        for pose, sample in zip(poses, samples, strict=True)
+    ]
+    points = np.concatenate([np.empty((0, 2)), *ends])
+    on_walls = walls.distances(points) <= walls.near_m
+    shares = [
+        float(np.mean(kind)) if len(kind) else math.nan
+        for kind in (
+            on_walls,
+            walls.unmapped(points) & ~on_walls,
+            walls.unmapped(np.array(poses).reshape(-1, 3)[:, :2]),
+        )
+    ]
+    return Fit(len(points), *shares)
