@@ -1,5 +1,6 @@
 """Inputs of ``replay``: recordings opened, robots, map and labels found by a setup."""
 
+import itertools
 import json
 import math
 import re
@@ -12,7 +13,6 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
 from midnet_bench.plugins import DETECTORS, FUSIONS
@@ -22,7 +22,7 @@ from midnet_bench.recording.files.survey import Survey, listing
 from midnet_bench.recording.files.tables import read_text
 from midnet_bench.recording.fitting.localize import Localizer
 from midnet_bench.recording.fitting.setup_check import placed
-from midnet_bench.recording.plan import AllyPlan, Recorded, RobotPlan, followed_topics, robots_of
+from midnet_bench.recording.plan import AllyPlan, Recorded, RobotPlan, followed_topic, robots_of
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
@@ -63,13 +63,11 @@ class ReplayInputs:
 
         ``followed``: see :class:`Replay`. Raises InputError: no topic of an ally.
         """
-        diameter_m, allies = next(iter(settings.values())).midnet.ally_diameter_m, self.setup.allies
-        plans = followed_topics(
-            self.recorded,
-            {name: ally.topic for name, ally in allies.items()},
-            {name: ally.diameter_m or diameter_m for name, ally in allies.items()},
-            "allies",
-        )
+        usual_m = next(iter(settings.values())).midnet.ally_diameter_m
+        plans = [
+            followed_topic(self.recorded, "allies", name, ally.topic, ally.diameter_m or usual_m)
+            for name, ally in self.setup.allies.items()
+        ]
         each = {robot.carrier: Localizer(self.prior_map) for robot in self.robots if self.setup.localize}
         correctors = [each[robot.carrier] for robot in self.robots if each]
         return Replay(
@@ -80,7 +78,9 @@ class ReplayInputs:
         """The table of labels, or the topics with poses of intruders. Raises InputError: there are none."""
         truth = self.setup.truth
         if EVERY not in truth:
-            return None, followed_topics(self.recorded, truth, dict.fromkeys(truth, 1.0), "truth")
+            return None, [
+                followed_topic(self.recorded, "truth", name, topic, 1.0) for name, topic in truth.items()
+            ]
         if len(truth) > 1:
             raise InputError("truth: give either a table or topics")
         table = LabelTable(Path(truth[EVERY]))
@@ -106,9 +106,8 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
                 stack.callback(table.close)
                 sources.append(table)
         recorded = Recorded.of(sources, file_names([Path(source.path) for source in sources]), setup)
-        for remark in (
-            remark for each in (sources, recorded.surveys) for one in each for remark in one.remarks
-        ):
+        remarks = [one.remarks for one in sources] + [one.remarks for one in recorded.surveys]
+        for remark in itertools.chain(*remarks):
             note(remark)
         setup = with_exported(setup, recorded.surveys)
         if setup.localize is None:  # odometry drifts wherever it began
@@ -117,37 +116,31 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
         if setup.start and setup.background is not None:
             raise InputError("start: a place on a map is needed; give --map in place of the background")
         prior_map, scored_from_ns = prior_map_of(setup, recorded, robots, note)
-        setup.of_each("start", [robot.carrier for robot in robots])
-        moved: dict[str, Pose2D] = {}
-        for robot in robots:
-            if robot.carrier not in moved:
-                moved[robot.carrier] = placed(robot, recorded, setup, prior_map, note)
+        carriers = {robot.carrier: robot for robot in reversed(robots)}  # the first laser of each
+        setup.of_each("start", list(carriers))
+        moved = {
+            name: placed(carriers[name], recorded, setup, prior_map, note)
+            for name in dict.fromkeys(robot.carrier for robot in robots)
+        }
         robots = [robot.moved(moved[robot.carrier]) for robot in robots]
         yield ReplayInputs(setup, recorded, robots, prior_map, scored_from_ns)
 
 
-def open_source(path: Path) -> Source:
-    """A bag, a table or a log. Raises InputError: there is no such file, or it is none of these."""
-    if not path.exists():
-        raise InputError(f"{path}: there is no such recording")
-    if is_bag(path):
-        return Bag(path)
-    if path.is_dir():
-        raise InputError(
-            f"{path}: a folder without metadata.yaml is no ROS 2 bag; give a bag, an .mcap, a .csv or a log"
-        )
-    return read_text(path)
-
-
 @contextmanager
 def opened(paths: Sequence[Path]) -> Iterator[list[Source]]:
-    """The recordings, closed in the end."""
+    """The bags, tables or logs, closed in the end. Raises InputError: no such file, or none of these."""
     with ExitStack() as stack:
-        sources = []
+        sources: list[Source] = []
         for path in paths:
-            source = open_source(path)
-            stack.callback(source.close)
-            sources.append(source)
+            if not path.exists():
+                raise InputError(f"{path}: there is no such recording")
+            if not is_bag(path) and path.is_dir():
+                raise InputError(
+                    f"{path}: a folder without metadata.yaml is no ROS 2 bag; give a bag, an .mcap, a .csv "
+                    "or a log"
+                )
+            sources.append(Bag(path) if is_bag(path) else read_text(path))
+            stack.callback(sources[-1].close)
         yield sources
 
 
@@ -296,24 +289,33 @@ def _background(
     setup: RecordingSetup, background: str, recorded: Recorded, robots: Sequence[RobotPlan], note: Note
 ) -> tuple[OccupancyGrid, int | None]:
     """A map by ray counting over another recording, or over the first seconds of this one."""
-    counts, each_scan = RayCounts(setup.resolution_m), setup.model_copy(update={"rate_hz": None})
-    scored_from_ns: int | None = None
-    if background.startswith(FIRST) and not Path(background).exists():
-        seconds = number_of(background.removeprefix(FIRST), f"background: {background}")
-        if seconds <= 0.0:
-            raise InputError(f"background: {background}: {seconds:g} s is no time; give such as first-10")
-        taken, scored_from_ns = _count(counts, recorded, robots, each_scan, round(seconds * NS))
-    else:
-        path = Path(background)
-        if any(path.exists() and path.samefile(source.path) for source in recorded.sources):
+    counts, setup = RayCounts(setup.resolution_m), setup.model_copy(update={"rate_hz": None})
+    path, until_ns = Path(background), None
+    with ExitStack() as stack:
+        if background.startswith(FIRST) and not path.exists():
+            lasts_s = number_of(background.removeprefix(FIRST), f"background: {background}")
+            if lasts_s <= 0.0:
+                raise InputError(f"background: {background}: {lasts_s:g} s is no time; give such as first-10")
+        elif any(path.exists() and path.samefile(source.path) for source in recorded.sources):
             raise InputError(
                 f"background: {background}: is the recording itself, whose people would be walls; "
                 "give another recording, or its beginning as first-10"
             )
-        with opened([path]) as sources:
-            whole = each_scan.model_copy(update={"from_s": 0.0, "to_s": None, "offset_s": {}})
-            other = Recorded.of(sources, file_names([path]), whole)
-            taken, _ = _count(counts, other, robots_of(other, whole), whole, None)
+        else:
+            lasts_s = math.inf
+            setup = setup.model_copy(update={"from_s": 0.0, "to_s": None, "offset_s": {}})
+            recorded = Recorded.of(stack.enter_context(opened([path])), file_names([path]), setup)
+            robots = robots_of(recorded, setup)
+        empty, taken = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0)), 0
+        for frame in Replay(recorded, robots, empty, {}, setup).frames():
+            if until_ns is None and lasts_s < math.inf:
+                until_ns = frame.time_ns + round(lasts_s * NS)
+            if until_ns is not None and frame.time_ns >= until_ns:
+                break
+            for one in frame.observed:
+                if one.robot == frame.scanned and one.scan is not None:
+                    counts.take(one.scan, one.returns)
+                    taken += 1
     if not taken:
         raise InputError(f"background: {background}: no scan of it has a pose; the map would be empty")
     grid = counts.map(setup.hit_threshold)
@@ -321,26 +323,4 @@ def _background(
         f"map: {grid.width} x {grid.height} cells of {grid.resolution:g} m by counting the rays of {taken} "
         f"scans, occupied from {setup.hit_threshold:g} of the beams on"
     )
-    return grid, scored_from_ns
-
-
-def _count(
-    counts: RayCounts,
-    recorded: Recorded,
-    robots: Sequence[RobotPlan],
-    setup: RecordingSetup,
-    lasts_ns: int | None,
-) -> tuple[int, int | None]:
-    """Count the rays of the scans, or of the first ``lasts_ns``; how many scans they were, and until when."""
-    empty = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0))
-    taken, until_ns = 0, None
-    for frame in Replay(recorded, robots, empty, {}, setup).frames():
-        if until_ns is None and lasts_ns is not None:
-            until_ns = frame.time_ns + lasts_ns
-        if until_ns is not None and frame.time_ns >= until_ns:
-            break
-        for one in frame.observed:
-            if one.robot == frame.scanned and one.scan is not None:
-                counts.take(one.scan, one.returns)
-                taken += 1
-    return taken, until_ns
+    return grid, until_ns

@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -39,11 +39,17 @@ class Recorded(NamedTuple):
         """A look into each source. Raises InputError: damaged, no such part, or offset_s of no file."""
         given = setup.of_each("offset_s", names)
         offsets_ns = [round(given.get(name, 0.0) * NS) for name in names]
-        from_ns, to_ns = _part(sources, offsets_ns, setup)
-        surveys = [
-            survey(source, from_ns - own_ns, to_ns - own_ns)
-            for source, own_ns in zip(sources, offsets_ns, strict=True)
-        ]
+        every = list(zip(sources, offsets_ns, strict=True))
+        begin_ns = min(source.start_ns + own_ns for source, own_ns in every)
+        end_ns = max(source.end_ns + own_ns for source, own_ns in every)
+        from_ns = begin_ns + round(setup.from_s * NS) if setup.from_s else -EVER_NS
+        to_ns = EVER_NS if setup.to_s is None else begin_ns + round(setup.to_s * NS)
+        if from_ns > end_ns:
+            length_s = (end_ns - begin_ns) / NS
+            raise InputError(f"from_s: {setup.from_s:g} s is after the recording's end, {length_s:.1f} s")
+        if setup.to_s is not None and setup.to_s <= setup.from_s:
+            raise InputError(f"to_s: {setup.to_s:g} s is not after from_s, {setup.from_s:g} s")
+        surveys = [survey(source, from_ns - own_ns, to_ns - own_ns) for source, own_ns in every]
         return cls(sources, surveys, names, offsets_ns, (from_ns, to_ns))
 
     def holder(self, topic: str, first: int = 0) -> int:
@@ -66,19 +72,6 @@ class Recorded(NamedTuple):
             )
         if not streams[topic].seen:
             raise InputError(f"{key}: '{topic}' has no message where the recording was looked at")
-
-
-def _part(sources: Sequence[Source], offsets_ns: Sequence[int], setup: RecordingSetup) -> tuple[int, int]:
-    begin_ns = min(source.start_ns + own_ns for source, own_ns in zip(sources, offsets_ns, strict=True))
-    end_ns = max(source.end_ns + own_ns for source, own_ns in zip(sources, offsets_ns, strict=True))
-    from_ns = begin_ns + round(setup.from_s * NS)
-    if setup.from_s and from_ns > end_ns:
-        length_s = (end_ns - begin_ns) / NS
-        raise InputError(f"from_s: {setup.from_s:g} s is after the recording's end, {length_s:.1f} s")
-    if setup.to_s is not None and setup.to_s <= setup.from_s:
-        raise InputError(f"to_s: {setup.to_s:g} s is not after from_s, {setup.from_s:g} s")
-    to_ns = EVER_NS if setup.to_s is None else begin_ns + round(setup.to_s * NS)
-    return (from_ns if setup.from_s else -EVER_NS), to_ns
 
 
 class Link(NamedTuple):
@@ -147,16 +140,11 @@ class AllyPlan(NamedTuple):
     diameter_m: float
 
 
-def followed_topics(
-    recorded: Recorded, topics: Mapping[str, str], diameters_m: Mapping[str, float], key: str
-) -> list[AllyPlan]:
-    """Objects whose poses are recorded, by name. Raises InputError: no such topic; ``key`` is named."""
-    plans = []
-    for name, topic in topics.items():
-        source = recorded.holder(topic)
-        recorded.check_topic(source, topic, POSE, f"{key}: {name}")
-        plans.append(AllyPlan(name, PoseChain((Link(source, topic),), topic), diameters_m[name]))
-    return plans
+def followed_topic(recorded: Recorded, key: str, name: str, topic: str, diameter_m: float) -> AllyPlan:
+    """An object whose poses are recorded. Raises InputError: no such topic; ``key`` is named."""
+    source = recorded.holder(topic)
+    recorded.check_topic(source, topic, POSE, f"{key}: {name}")
+    return AllyPlan(name, PoseChain((Link(source, topic),), topic), diameter_m)
 
 
 class _Laser(NamedTuple):

@@ -337,6 +337,11 @@ def start_of(found: Candidate) -> list[float]:
     return [round(x, 3), round(y, 3), round(math.degrees(wrap_angle(yaw)), 2)]
 
 
+def _start_in_words(found: Candidate) -> str:
+    x, y, yaw_deg = start_of(found)
+    return f"[{x:z.2f}, {y:z.2f}, {yaw_deg:z.1f}]"
+
+
 def placed(
     robot: RobotPlan,
     recorded: Recorded,
@@ -370,13 +375,12 @@ def placed(
             "onto walls; is it the map of this place (--map), and the mount right (--mount)? Else give "
             "--start X,Y,YAW_DEG"
         )
-    said = "{:z.2f}, {:z.2f}, {:z.1f}".format(*start_of(found))
-    note(f"{robot.name}: began at start: [{said}] on the map; {found.share:.2f} of the returns lie on walls")
+    place = _start_in_words(found)
+    note(f"{robot.name}: began at start: {place} on the map; {found.share:.2f} of the returns lie on walls")
     for other in others:
-        said = "{:z.2f}, {:z.2f}, {:z.1f}".format(*start_of(other))
         note(
-            f"{robot.name}: {other.share:.2f} do from [{said}], too: the recording does not tell the two "
-            "apart; --start says which"
+            f"{robot.name}: {other.share:.2f} do from {_start_in_words(other)}, too: the recording does not "
+            "tell the two apart; --start says which"
         )
     if found.share < GOOD:
         note(f"{robot.name}: few returns for the right place; --check looks for the mount as well")

@@ -93,7 +93,7 @@ class Search:
         self._owners = np.repeat(np.arange(len(ends)), [len(own) for own in ends])
         self._ends = _points(np.concatenate(ends))
         steps = math.ceil(LARGEST_DELAY_S / DELAY_STEP_S) + 2
-        self._delays_s: Floats = np.arange(-steps, steps + 1) * DELAY_STEP_S
+        self._delays_s: Floats = np.arange(-steps, steps + 1, dtype=np.float64) * DELAY_STEP_S
         delays_ns = np.rint(self._delays_s * NS).astype(np.int64)
         poses = np.array([sample.track.at_times(sample.time_ns - delays_ns) for sample in samples])
         poses[:, :, 2] = np.unwrap(poses[:, :, 2], axis=1)
