@@ -1,6 +1,6 @@
 """Which folders of the repository travel inside the package; ``pyproject.toml`` says all the rest.
 
-Each has one home, and a wheel has a copy: ``midnet_bench.workflows.shipped`` finds whichever is there.
+Each has one home, and a wheel has a copy: ``midnet_bench.io.files`` finds whichever is there.
 """
 
 from setuptools import find_namespace_packages, setup

@@ -128,7 +128,7 @@ def print_command() -> None:
             depth += bool(depth) and event == "call"
             return
         name = code.co_filename.removeprefix(prefix)
-        if depth or (name, code.co_name) == ("arena/layout.py", "place"):
+        if depth or code.co_name == "<module>" or (name, code.co_name) == ("arena/layout.py", "place"):
             depth += 1
         elif name.endswith(".py") and not name.endswith("__init__.py") and code.co_name not in INNER:
             moves += name != last

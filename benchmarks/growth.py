@@ -14,9 +14,9 @@ import time
 from itertools import product
 
 from midnet_bench.arena.arena import Arena, load_arena
-from midnet_bench.experiments.campaigns import compile_kernels
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.workflows.campaigns import compile_kernels
 
 FRAME_HZ = 5
 SETTLING_FRAMES = 5

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.large_teams import Seen, Team, draw_scene, make_fusion, scenes_of, seen_by_all
-from midnet_bench.campaign.tables import csv_text
+from midnet_bench.analysis.tables import csv_text
 from midnet_bench.campaign.trial import Row
 from midnet_bench.geometry import Box
 from midnet_bench.midnet.midnet_settings import MIDNetSettings

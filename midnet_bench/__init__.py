@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Campaign
     from midnet_bench.errors import InputError, MidnetBenchError
-    from midnet_bench.experiments.campaigns import run_campaign
     from midnet_bench.experiments.experiment import Experiment
     from midnet_bench.geometry import Box, Pose2D
     from midnet_bench.grid import OccupancyGrid
     from midnet_bench.io.map_server import load_map
     from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
-    from midnet_bench.workflows.campaigns import load_campaign
+    from midnet_bench.workflows.campaigns import load_campaign, run_campaign
     from midnet_bench.workflows.data_frames import compare, error_causes, results, run, verify
     from midnet_bench.workflows.prior_map import prior_map
     from midnet_bench.workflows.simulate import simulate
@@ -46,7 +45,7 @@ _HOMES = {
     "prior_map": "midnet_bench.workflows.prior_map:prior_map",
     "results": "midnet_bench.workflows.data_frames:results",
     "run": "midnet_bench.workflows.data_frames:run",
-    "run_campaign": "midnet_bench.experiments.campaigns:run_campaign",
+    "run_campaign": "midnet_bench.workflows.campaigns:run_campaign",
     "simulate": "midnet_bench.workflows.simulate:simulate",
     "verify": "midnet_bench.workflows.data_frames:verify",
 }

@@ -75,8 +75,8 @@ class Pose2D(NamedTuple):
 
     def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """(N, 2) float64 points that are given in this pose's frame, in the parent frame, metres."""
-        c, s = self.direction
         x, y = points[:, 0], points[:, 1]
+        c, s = (1.0, 0.0) if self.yaw == 0.0 else self.direction
         return np.stack((self.x + (c * x - s * y), self.y + (s * x + c * y)), axis=1)
 
     def distance_to(self, other: "Pose2D") -> float:

@@ -7,6 +7,7 @@ file, ``--set`` and a trial's parameters hold.
 """
 
 import functools
+import math
 import re
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -134,6 +135,10 @@ class Settings:
         """The settings with all defaults, made and checked once."""
         return cast(Self, _usual(cast(Any, cls)))
 
+    def but(self, **changes: Any) -> Self:
+        """The settings with these fields changed, checked; themselves if that changes nothing."""
+        return cast(Self, _changed(self, changes))
+
     def flat_values(self) -> dict[str, Scalar]:
         """The value of each flat key, in the order of the fields."""
         return {key: leaf.value_in(self) for key, leaf in leaves(type(self)).items()}
@@ -191,6 +196,23 @@ class Leaf:
         kinds = {bool: "true | false", str: "text", int: "a whole number", float: "a number"}
         words = " | ".join(map(str, self.choices)) or self.range or kinds[self.kind]
         return f"{words}, or null" if self.takes_none else words
+
+    def allows(self, value: Scalar) -> bool:
+        """Whether it may have this value, in its declared type; a text is looked at where it is used."""
+        if value is None or isinstance(value, str):
+            return self.takes_none if value is None else self.kind not in (bool, int, float)
+        if isinstance(value, bool) or self.kind is bool:
+            return isinstance(value, bool) and self.kind is bool
+        if self.choices or self.kind is str or (self.kind is int and not isinstance(value, int)):
+            return value in self.choices
+        low, above, high, multiple = map(self.limits.get, ("ge", "gt", "le", "multiple_of"))
+        return (
+            abs(value) < math.inf
+            and (low is None or value >= low)
+            and (above is None or value > above)
+            and (high is None or value <= high)
+            and (multiple is None or value % multiple == 0)
+        )
 
     def value_in(self, settings: Settings) -> Scalar:
         """Its value in settings of its tree."""
@@ -302,8 +324,11 @@ def _walk(defaults: Settings, path: tuple[str, ...], here: Group) -> Iterator[Le
 
 
 def _changed(settings: Settings, tree: Mapping[str, Any]) -> Settings:
-    changes = {
-        name: _changed(getattr(settings, name), value) if isinstance(value, dict) else value
-        for name, value in tree.items()
-    }
+    """Settings of which nothing changes stay the same object, which was checked when it was made."""
+    changes = {}
+    for name, value in tree.items():
+        before = getattr(settings, name)
+        after = _changed(before, value) if isinstance(value, dict) else value
+        if after is not before and not (type(after) is type(before) and after == before):
+            changes[name] = after
     return cast(Settings, replace(cast(Any, settings), **changes)) if changes else settings

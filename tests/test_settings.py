@@ -1,5 +1,6 @@
 """Settings: ranges, nesting and flat keys, on a small tree."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -11,8 +12,18 @@ from pydantic import ValidationError
 
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.io.parameters import Parameters, flat_model, impossible
-from midnet_bench.settings import Settings, all_values, fixed, group, leaves, like, option, without_effect
+from midnet_bench.io.parameters import Parameters, flat_model
+from midnet_bench.settings import (
+    Scalar,
+    Settings,
+    all_values,
+    fixed,
+    group,
+    leaves,
+    like,
+    option,
+    without_effect,
+)
 
 
 @dataclass(frozen=True)
@@ -217,8 +228,26 @@ def test_an_unknown_key_of_a_trial_is_refused() -> None:
         Cart.from_flat({"lod_kg": 3})
 
 
-def test_a_number_among_choices_is_of_its_kind() -> None:
-    good = {"lidar_hz": 5, "align": "as in a later version"}
-    assert impossible(DetectionParameters, good) is None
-    assert impossible(DetectionParameters, {**good, "lidar_hz": 3}) == "lidar_hz"
-    assert impossible(DetectionParameters, {**good, "frames": "5"}) == "frames"
+@pytest.mark.parametrize(
+    ("key", "value", "is_allowed"),
+    [
+        ("lidar_hz", 5, True),
+        ("lidar_hz", 3, False),
+        ("lidar_hz", True, False),
+        ("align", "as in a later version", True),
+        ("frames", "5", False),
+        ("frames", 5.0, False),
+        ("frames", 0, False),
+        ("intruders", None, True),
+        ("frames", None, False),
+        ("record", True, True),
+        ("record", 1, False),
+        ("arena", 3, False),
+        ("stationary_scale", 1, True),
+        ("stationary_scale", 0.0, False),
+        ("stationary_scale", math.nan, False),
+        ("dying_after_s", math.inf, False),
+    ],
+)
+def test_an_option_has_values_of_its_kind_and_range(key: str, value: Scalar, is_allowed: bool) -> None:
+    assert leaves(DetectionParameters)[key].allows(value) == is_allowed

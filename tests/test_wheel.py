@@ -89,7 +89,7 @@ def test_expected_numbers_are_updated_in_a_checkout_only(installed: Path, tmp_pa
 def test_the_expected_numbers_of_smoke_are_there(installed: Path, tmp_path: Path) -> None:
     code = (
         "from pathlib import Path\n"
-        "from midnet_bench.workflows.shipped import shipped_folder\n"
+        "from midnet_bench.io.files import shipped_folder\n"
         "for name in ('smoke-detection', 'smoke-labyrinth'):\n"
         "    print(*sorted(p.name for p in shipped_folder(f'golden/{name}', '').iterdir()))"
     )

@@ -1,5 +1,7 @@
 """``Table``: typed rows, for programs as CSV and JSON, for people as Markdown, LaTeX, or on a terminal."""
 
+import csv
+import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,12 +13,23 @@ import numpy as np
 from tabulate import tabulate  # type: ignore[import-untyped]
 
 from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.io.files import write_atomically
 
 JSON_SCHEMA = 1  # of what ``--json`` prints; raised when a key changes its meaning or goes
 NOT_DEFINED = "n/a"
+
+_NAMES = {
+    "f1": "F1",
+    "f1_one_to_one": "F1 one-to-one",
+    "tp": "true positives",
+    "fp": "false positives",
+    "fn": "misses",
+}
+_UNITS = {"_m": "m", "_s": "s", "_percent": "%"}
+
+
+"""what people read instead of a column's name"""
 
 Cell = Scalar | Estimate | np.generic
 """A number, a text, or an estimate with its interval; NaN is not defined, None does not apply."""
@@ -81,17 +94,8 @@ class Table:
         return [{name: _json(cell) for name, cell in row.items()} for row in self.rows]
 
     def write(self, directory: Path, stem: str | None = None) -> list[Path]:
-        """Write ``stem``.csv, .md and .tex (``name`` unless given) into a folder; their paths.
-
-        Raises:
-            InputError: the folder cannot be written.
-            MidnetBenchError: there is no room.
-        """
-        forms = {".csv": self.to_csv(), ".md": self.to_markdown(), ".tex": self.to_latex()}
-        paths = [directory / f"{stem or self.name}{ending}" for ending in forms]
-        for path, text in zip(paths, forms.values(), strict=True):
-            write_atomically(path, text)
-        return paths
+        """As :func:`write_tables`, this one."""
+        return write_tables([self], directory, stem)
 
     def _flat(self, name: str, cell: Cell) -> list[tuple[str, Scalar]]:
         if not isinstance(cell, Estimate):
@@ -116,6 +120,44 @@ class Table:
         if not isinstance(scalar, float):
             return str(scalar)
         return NOT_DEFINED if math.isnan(scalar) else rounded(scalar, self.digits.get(name, 3))
+
+
+def write_tables(tables: Iterable[Table], directory: Path, stem: str | None = None) -> list[Path]:
+    """Write .csv, .md and .tex of each table (``name``, or ``stem``) into a folder; their paths.
+
+    Raises:
+        InputError: the folder cannot be written.
+        MidnetBenchError: there is no room.
+    """
+    texts = {
+        directory / f"{stem or table.name}{ending}": text
+        for table in tables
+        for ending, text in (
+            (".csv", table.to_csv()),
+            (".md", table.to_markdown()),
+            (".tex", table.to_latex()),
+        )
+    }
+    for path, text in texts.items():
+        write_atomically(path, text)
+    return list(texts)
+
+
+def csv_text(rows: Iterable[Row]) -> str:
+    """``rows`` as CSV under the columns in order of first appearance; NaN and None are empty cells.
+
+    Floats are written as ``repr`` does, the shortest text that reads back as the same number.
+    """
+    rows = list(rows)
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    # the writer leaves None empty, and writes floats as repr does
+    for row in rows:
+        cells = map(row.get, columns)
+        writer.writerow([None if value != value else value for value in cells])
+    return text.getvalue()
 
 
 def rounded(value: float, digits: int, sign: str = "") -> str:
@@ -148,3 +190,22 @@ def _json(cell: Cell) -> Any:
         return {name: _json(value) for name, value in cell._asdict().items()}
     value = _scalar(cell)
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def in_words(name: str) -> str:
+    """A measure with its unit, such as ``GOSPA per frame, m`` for ``gospa_per_frame_m``."""
+    if name in _NAMES:
+        return _NAMES[name]
+    for ending, unit in _UNITS.items():
+        if name.endswith(ending):
+            return f"{in_words(name.removesuffix(ending))}, {unit}"
+    return name.replace("gospa", "GOSPA").replace("_", " ")
+
+
+def team_in_words(name: str) -> str:
+    """``5 robots`` for ``5-robot``; what follows a comma stays."""
+    team, comma, others = name.partition(",")
+    if not team.endswith("-robot"):
+        return name
+    size = team.removesuffix("-robot")
+    return f"{size} robot{'' if size == '1' else 's'}{comma}{others}"

@@ -28,6 +28,7 @@ from midnet_bench.settings import without_effect
 
 SEVERAL = " | "
 """between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
+FILE_NAME = "campaign.sqlite"  # the store in a campaign's folder
 LONGEST_NAME = 255  # bytes; no file system has longer ones
 NOT_SET = "(not set)"  # what a message calls a parameter that a campaign leaves at its default
 MAX_CELLS = 10_000  # of a grid; to check one takes some milliseconds

@@ -14,10 +14,9 @@ from pathlib import Path
 import joblib
 
 from midnet_bench.campaign import store as stores
-from midnet_bench.campaign import trust
 from midnet_bench.campaign.definition import ResolvedCampaign
 from midnet_bench.campaign.pool import HARD_LIMIT_S, Group, LokyPool, Pool, WorkersLost, interruptible
-from midnet_bench.campaign.provenance import Provenance, collect, versions_note
+from midnet_bench.campaign.provenance import Provenance, collect, remember, versions_note
 from midnet_bench.campaign.store import Inventory, Store
 from midnet_bench.campaign.trial import Cell, Outcome, RunTrials, TrialSpec
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
@@ -159,7 +158,7 @@ def run_campaign(
         if fresh and (aside := stores.back_up(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, campaign.definition_in(directory)) as store:
-            trust.remember(path, store.definition)
+            remember(path, store.definition)
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
             if inventory.damaged:

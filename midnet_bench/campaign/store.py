@@ -30,6 +30,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+from midnet_bench.campaign.definition import FILE_NAME as FILE_NAME
 from midnet_bench.campaign.definition import Definition, differences, shown_cell
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.campaign.tables import (
@@ -46,7 +47,6 @@ from midnet_bench.campaign.trial import Cell, Outcome, Row, Scalar, TrialSpec
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.io.files import temporary_path
 
-FILE_NAME = "campaign.sqlite"
 APPLICATION_ID = 0x4D49444E  # ``MIDN``: SQLite's mark of the program that a file belongs to
 FORMAT = 4
 """of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""

@@ -1,7 +1,6 @@
 """The tables of one trial: what their columns hold, their bytes in a store, and their text in CSV files."""
 
 import csv
-import io
 import json
 import math
 import re
@@ -274,25 +273,8 @@ class CsvFile:
                 writer.writerows(line + [""] * (len(self._columns) - len(line)) for line in lines)
 
 
-def csv_text(rows: Iterable[Row]) -> str:
-    """``rows`` as CSV under the columns in order of first appearance; NaN and None are empty cells.
-
-    Floats are written as ``repr`` does, the shortest text that reads back as the same number.
-    """
-    rows = list(rows)
-    columns = list(dict.fromkeys(column for row in rows for column in row))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    # the writer leaves None empty, and writes floats as repr does
-    for row in rows:
-        cells = map(row.get, columns)
-        writer.writerow([None if value != value else value for value in cells])
-    return text.getvalue()
-
-
 def cell_text(value: Scalar) -> str:
-    """A value as :func:`csv_text` writes it, without quotes."""
+    """A value as CSV files have it, without quotes."""
     if value is None or value != value:
         return ""
     return repr(value) if isinstance(value, float) else str(value)

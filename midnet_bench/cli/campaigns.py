@@ -84,8 +84,7 @@ def _run(file: Path, chosen: options.Campaign) -> None:
     from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.cli.reports import log_page, present
     from midnet_bench.experiments import registry
-    from midnet_bench.experiments.campaigns import run_resolved
-    from midnet_bench.workflows.campaigns import recorded_if_small
+    from midnet_bench.workflows.campaigns import recorded_if_small, run_resolved
 
     written = load_campaign(file)
     changes = chosen.sweep(written.experiment)

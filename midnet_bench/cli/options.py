@@ -153,10 +153,10 @@ def _settings(more: str = "") -> Any:
 
 
 def _trust(is_given: bool) -> None:
-    if is_given or "midnet_bench.campaign.trust" in sys.modules:
-        from midnet_bench.campaign import trust
+    if is_given or "midnet_bench.campaign.provenance" in sys.modules:
+        from midnet_bench.campaign import provenance
 
-        trust.all_code = is_given
+        provenance.all_code = is_given
 
 
 Seed = Annotated[int, option("N", "Random seed.", min=0)]
@@ -294,11 +294,9 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
         InputError: names the option, the value and what is allowed.
     """
     from midnet_bench.experiments.registry import parameters_model
-    from midnet_bench.io.parameters import impossible
     from midnet_bench.settings import leaves
 
-    model = parameters_model(experiment)
-    known = leaves(model)
+    known = leaves(parameters_model(experiment))
     for key, values in given.items():
         named = option.format(key=OPTION_OF.get(key, key))
         if values is None or (key not in known and option.endswith("=")):
@@ -307,7 +305,7 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
             raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")
         for value in values if isinstance(values, list) else [values]:
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if is_number and known[key].range and impossible(model, {key: value}):
+            if is_number and known[key].range and not known[key].allows(value):
                 gap = "" if option.endswith("=") else " "
                 raise InputError(f"{named}{gap}{value}: must be {known[key].range}")
 

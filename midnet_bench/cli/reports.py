@@ -271,17 +271,21 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
 
     Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.
     """
-    from midnet_bench.workflows.report import headline, printed, write_report
+    from midnet_bench.workflows.report import write_report
 
-    results, tables = write_report(directory, drawn_from)
-    first = None if as_json or wide else headline(results)
+    results, tables, printed, first = write_report(directory, drawn_from)
+    if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
+        from midnet_bench.workflows import standing
+
+        if standing.is_standard(results.definition):
+            first = standing.headline(results)
     if as_json:
         show(results.definition.experiment, tables, as_json)
-    elif first is not None:
+    elif first is not None and not wide:
         show(None, first.tables)
         print_lines([*first.conclusion, *first.notes, "", first.following])
     elif results.finished:
-        show(None, printed(results, tables), wide=wide)
+        show(None, printed, wide=wide)
     return results.finished > 0
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from midnet_bench.analysis.words import in_words
 from midnet_bench.cli.messages import shown
 
 if TYPE_CHECKING:
@@ -88,10 +87,13 @@ def drawn(table: "Table", most: int | None) -> str:
         table: any.
         most: characters in a line; None: all columns, however wide.
     """
+    from midnet_bench.analysis.tables import in_words
+
+    heads = [table.labels[name] if name in table.labels else in_words(name) for name in table.columns]
     cells = [[shown(cell) for cell in row] for row in table.cells()]
     columns = {
         name: _Column(
-            shown(table.labels.get(name, in_words(name))),
+            shown(heads[index]),
             [row[index] for row in cells],
             any(
                 isinstance(row.get(name), str) and not _NUMBER.fullmatch(str(row[name])) for row in table.rows

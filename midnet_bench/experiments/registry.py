@@ -67,11 +67,11 @@ def experiment_in(definition: "Definition", directory: "Path") -> Experiment:
 
     Raises:
         InputError: as :func:`experiment`, such as when that file has gone; or the campaign names code that
-            the user has not run, see ``campaign.trust``.
+            the user has not run, see ``campaign/provenance.py``.
     """
-    from midnet_bench.campaign import trust
+    from midnet_bench.campaign.provenance import refuse_untrusted
 
-    trust.check(definition, directory)
+    refuse_untrusted(definition, directory)
     return experiment(definition.reference(directory))
 
 
@@ -85,22 +85,23 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
     Raises:
         InputError: as :func:`experiment_in`, or the definition gives a parameter what it cannot be.
     """
+    return columns_of(experiment_in(definition, directory), definition, directory)
+
+
+def columns_of(found: Experiment, definition: "Definition", directory: "Path") -> "Tables":
+    """As :func:`tables_of`, of an experiment that is known."""
     from midnet_bench.campaign.definition import SEVERAL
-    from midnet_bench.io.parameters import impossible
     from midnet_bench.settings import leaves
 
-    found = experiment_in(definition, directory)
-    model, known = found.model, leaves(found.model)
-    there = definition.parameters.items()
-    fixed = {name: value for name, value in there if name in known and SEVERAL not in str(value)}
-    grid = [{name: value} for name, values in definition.grid.items() if name != VARIANT for value in values]
-    for values in [fixed, *grid]:
-        for name in values:
-            if name not in known:
-                raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
-        if key := impossible(model, values):
-            allowed = known[key].allowed
-            raise InputError(f"{directory}: {key} cannot be {shown(values[key])}; allowed: {allowed}")
+    known = leaves(found.model)
+    values = [one for one in definition.parameters.items() if one[0] in known and SEVERAL not in str(one[1])]
+    grid = definition.grid.items()
+    for name, value in [*values, *((name, one) for name, many in grid if name != VARIANT for one in many)]:
+        if name not in known:
+            raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
+        if not known[name].allows(value):
+            allowed = known[name].allowed
+            raise InputError(f"{directory}: {name} cannot be {shown(value)}; allowed: {allowed}")
     return found.columns
 
 

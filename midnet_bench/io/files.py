@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import midnet_bench
 from midnet_bench.errors import InputError, MidnetBenchError
 
 try:
@@ -22,6 +23,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+PACKAGE = Path(midnet_bench.__file__).parent
 NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
 LONGEST_NAME = 150
 """bytes of a file's name that is made of values: room for an ending, and for the name of a draft"""
@@ -195,3 +197,19 @@ def cannot_be_written(path: Path, error: OSError) -> MidnetBenchError:
     return InputError(
         f"{path}: cannot be written: {error.strerror}; its folder must be one that you may write to"
     )
+
+
+def installed() -> bool:
+    """Whether this is an installed package, not a checkout."""
+    return (PACKAGE / "campaigns").is_dir()
+
+
+def shipped_folder(name: str, in_repository: str) -> Path:
+    """A folder that comes with the package; ``setup.py`` names them all.
+
+    Args:
+        name: of the folder inside an installed package, such as ``campaigns``.
+        in_repository: its path in a checkout, where it has its home.
+    """
+    installed = PACKAGE / name
+    return installed if installed.is_dir() else PACKAGE.parent / in_repository

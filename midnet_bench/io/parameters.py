@@ -4,7 +4,7 @@ import functools
 from collections.abc import Mapping
 from typing import Any, Self, cast
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, create_model
 
 from midnet_bench.errors import InputError
 from midnet_bench.io.checked_yaml import Spec, parse
@@ -55,20 +55,6 @@ class Parameters(Settings):
     def defaults(cls) -> dict[str, Scalar]:
         """The default of every flat key."""
         return {key: leaf.default for key, leaf in leaves(cls).items()}
-
-
-def impossible(parameters: type[Settings], values: Mapping[str, Scalar]) -> str | None:
-    """The first key of an option that cannot have its value, or None; an option of text can have any."""
-    known = leaves(parameters)
-    plain = {key: value for key, value in values.items() if not isinstance(value, str)}
-    for key in values:
-        if key not in plain and known[key].kind in (bool, int, float):
-            return key
-    try:
-        flat_model(parameters).model_validate(plain, strict=True)
-    except ValidationError as error:
-        return str(error.errors()[0]["loc"][0])
-    return None
 
 
 def flat_model(parameters: type[Settings]) -> type[Spec]:

@@ -272,8 +272,7 @@ class LocalPlannerLimits(Settings):
     def at_speed(self, top_mps: float) -> "LocalPlannerLimits":
         """The limits of a robot whose top speed is ``top_mps``; its other speeds change in proportion."""
         share = top_mps / self.max_vel_x_mps
-        return replace(
-            self,
+        return self.but(
             max_vel_x_mps=top_mps,
             min_vel_x_mps=share * self.min_vel_x_mps,
             max_vel_trans_mps=share * self.max_vel_trans_mps,
@@ -410,8 +409,7 @@ class NavigatorSettings(Settings):
 
     def at_speed(self, top_mps: float) -> "NavigatorSettings":
         """The settings of a robot whose top speed is ``top_mps``."""
-        return replace(
-            self,
-            dwa=replace(self.dwa, limits=self.dwa.limits.at_speed(top_mps)),
+        return self.but(
+            dwa=self.dwa.but(limits=self.dwa.limits.at_speed(top_mps)),
             rollout_limits=self.rollout_limits.at_speed(top_mps),
         )

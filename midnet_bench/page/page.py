@@ -44,6 +44,11 @@ COLOURS: Mapping[str, tuple[palette.RGB, palette.RGB]] = {
     "missed": (palette.MISSED, (255, 255, 255)),
 }
 """on a light page and on a dark one: each colour keeps its meaning"""
+VARIABLES = {
+    theme: " ".join(f"--{name}: {palette.hexadecimal(pair[index])};" for name, pair in COLOURS.items())
+    for index, theme in enumerate(("light", "dark"))
+}
+"""the same as CSS"""
 CHAPTERS = ["results", "verdicts", "causes", "counterfactuals", "player", "figures", "tables", "provenance"]
 """in their order; the first and the last are always there"""
 
@@ -181,9 +186,10 @@ def report_page(content: Content, recordings: Iterable[Recording], most_bytes: i
         frames, scans = packed(COLUMNS, recording.frames), packed(SCAN_COLUMNS, recording.scans)
         trials.append(_Packed(place, recording.head(), frames, scans))
     empty = [trial._replace(frames="", scans="") for trial in trials]
-    around = len(_rendered(content, funnel, empty, set(range(len(trials))), len(trials) + 1).encode())
+    fixed = _fixed(content)
+    around = len(_rendered(fixed, funnel, empty, set(range(len(trials))), len(trials) + 1).encode())
     kept, with_scans = _fitting(trials, most_bytes - around)
-    return _rendered(content, funnel, kept, with_scans, len(trials))
+    return _rendered(fixed, funnel, kept, with_scans, len(trials))
 
 
 class _Packed(NamedTuple):
@@ -208,33 +214,43 @@ def _fitting(trials: Sequence[_Packed], room: int) -> tuple[list[_Packed], set[i
     return [trial for trial in trials if trial.place in kept], with_scans
 
 
-def _rendered(
-    content: Content, funnel: Funnel, kept: Sequence[_Packed], with_scans: set[int], recorded: int
-) -> str:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+def _fixed(content: Content) -> dict[str, Any]:
+    """What the template takes that no recorded trial changes."""
     from markupsafe import Markup
 
-    places = {trial.place: number for number, trial in enumerate(kept)}
-    sides = [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)]
-    figures = [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()]
+    pictures = [one for one in content.pictures if {".png", ".svg"} & one.files.keys()]
+    some = [*filter(None, (content.claims, content.counterfactuals)), *(one.data for one in pictures)]
+    known = _shown([*content.headline, *content.tables, *some])
+    figures = [_figure(one, known[id(one.data)]) for one in pictures]
     names = ("page.css", "trial.js", "player.js")
     sources = {name: (FOLDER / name).read_text(encoding="utf-8") for name in names}
-    page = {
+    return {
         **vars(content),
-        "headline": [_shown(table) for table in content.headline],
-        "claims": content.claims and _shown(content.claims),
+        "headline": [known[id(table)] for table in content.headline],
+        "claims": known.get(id(content.claims)),
         "verdicts": content.claims and _verdicts(content.claims),
-        "causes": sides,
-        "counterfactuals": content.counterfactuals and _shown(content.counterfactuals),
-        "player": _player(kept, with_scans, recorded) if kept else None,
+        "counterfactuals": known.get(id(content.counterfactuals)),
         "first_figure": figures[:1],
         "figures": figures[1:],
-        "tables": [_shown(table) for table in content.tables],
+        "tables": [known[id(table)] for table in content.tables],
         "provenance": [list(_flat(run)) for run in content.provenance],
         "configuration": list(_flat(content.configuration)),
-        "colours": {"light": Markup(_variables(0)), "dark": Markup(_variables(1))},
+        "colours": {theme: Markup(text) for theme, text in VARIABLES.items()},
         "style": Markup(sources["page.css"]),
         "script": Markup(sources["trial.js"] + sources["player.js"]),
+    }
+
+
+def _rendered(
+    fixed: Mapping[str, Any], funnel: Funnel, kept: Sequence[_Packed], with_scans: set[int], recorded: int
+) -> str:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    places = {trial.place: number for number, trial in enumerate(kept)}
+    page = {
+        **fixed,
+        "causes": [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)],
+        "player": _player(kept, with_scans, recorded) if kept else None,
     }
     page["chapters"] = [name for name in CHAPTERS if name in ("results", "provenance") or page[name]]
     environment = Environment(
@@ -244,10 +260,6 @@ def _rendered(
         keep_trailing_newline=True,
     )
     return environment.get_template("report.html.j2").render(page=page)
-
-
-def _variables(theme: int) -> str:
-    return " ".join(f"--{name}: {palette.hexadecimal(pair[theme])};" for name, pair in COLOURS.items())
 
 
 def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dict[str, Any]:
@@ -295,17 +307,22 @@ def _side(funnel: Funnel, side: str, places: Mapping[int, int]) -> dict[str, Any
     return {"name": side, "cells": cells, "causes": causes}
 
 
-def _shown(table: Table) -> dict[str, Any]:
-    """A table as the template takes it."""
+def _shown(tables: Iterable[Table]) -> dict[int, dict[str, Any]]:
+    """Tables as the template takes them, by ``id``."""
+    texts = [(table, table.cells()[:MOST_ROWS], table.to_csv()) for table in tables]
+    return {id(table): _parts(table, cells, csv) for table, cells, csv in texts}
+
+
+def _parts(table: Table, cells: Sequence[Sequence[str]], csv: str) -> dict[str, Any]:
     texts = {name: any(isinstance(row.get(name), str) for row in table.rows) for name in table.columns}
     rows = [
         {
             "is_paper": "paper" in row.values(),
             "cells": [
-                _cell(name, row.get(name), text) for name, text in zip(table.columns, cells, strict=True)
+                _cell(name, row.get(name), text) for name, text in zip(table.columns, line, strict=True)
             ],
         }
-        for row, cells in zip(table.rows[:MOST_ROWS], table.cells()[:MOST_ROWS], strict=True)
+        for row, line in zip(table.rows[:MOST_ROWS], cells, strict=True)
     ]
     return {
         "name": table.name,
@@ -314,7 +331,7 @@ def _shown(table: Table) -> dict[str, Any]:
         "rows": rows,
         "notes": table.notes,
         "left_out": len(table.rows) - len(rows),
-        "csv": base64.b64encode(table.to_csv().encode()).decode(),
+        "csv": base64.b64encode(csv.encode()).decode(),
     }
 
 
@@ -334,7 +351,7 @@ def _verdicts(claims: Table) -> str:
     return f"Of {len(verdicts)} claims: {counts}."
 
 
-def _figure(picture: Picture) -> dict[str, Any]:
+def _figure(picture: Picture, data: Mapping[str, Any]) -> dict[str, Any]:
     kinds = {".svg": "image/svg+xml", ".png": "image/png"}  # a browser shows no PDF as a picture
     ending = min(kinds.keys() & picture.files, key=lambda one: len(picture.files[one]))
     image = base64.b64encode(picture.files[ending]).decode()
@@ -348,7 +365,7 @@ def _figure(picture: Picture) -> dict[str, Any]:
         "name": picture.name,
         "source": f"data:{kinds[ending]};base64,{image}",
         "alt": f"Figure {picture.name.replace('_', ' ')}{where}",
-        "data": _shown(picture.data),
+        "data": data,
     }
 
 

@@ -2,9 +2,10 @@
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
+from midnet_bench.plugins import load_reference
 from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.settings import Scalar, Settings, fixed, group, option
 from midnet_bench.simulation.engine import SIMULATORS
@@ -196,19 +197,21 @@ class SimulationSettings(Settings):
 
     def with_files_read(self) -> "SimulationSettings":
         """The same, robot and engine from outside with their digests or versions. Raises InputError."""
-        world = replace(self.world, engine=SIMULATORS.pinned(self.world.engine))
-        return replace(self, robot=ROBOTS.pinned(self.robot), world=world)
+        world = self.world.but(engine=SIMULATORS.pinned(self.world.engine))
+        return self.but(robot=ROBOTS.pinned(self.robot), world=world)
 
     def with_robot_of(self, values: Mapping[str, Scalar]) -> "SimulationSettings":
         """The same with the robot of some flat keys, or as it is if they name none."""
-        return replace(self, robot=str(values["robot"])) if "robot" in values else self
+        return self.but(robot=str(values.get("robot", self.robot)))
 
     @property
     def robot_model(self) -> RobotModel:
         """What all robots are."""
-        return _own_robot(self.robot) if self.robot in ROBOTS.own else ROBOTS.make(ROBOTS.pinned(self.robot))
+        return own_robot(self.robot) if self.robot in ROBOTS.own else ROBOTS.make(ROBOTS.pinned(self.robot))
 
 
 @functools.cache
-def _own_robot(name: str) -> RobotModel:
-    return ROBOTS.make(name)
+def own_robot(name: str) -> RobotModel:
+    """One of this package's, by its name."""
+    model: RobotModel = load_reference(ROBOTS.own[name] or "")
+    return model

@@ -18,8 +18,7 @@ from midnet_bench.analysis import compare as analysis
 from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, BySeed, Compared, Key, joined, label, series
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
-from midnet_bench.analysis.tables import Cell, Table, signed
-from midnet_bench.analysis.words import in_words, team_in_words
+from midnet_bench.analysis.tables import Cell, Table, in_words, signed, team_in_words
 from midnet_bench.campaign.provenance import Provenance, code_of, collect, versions_note
 from midnet_bench.campaign.tables import ANY_DRIFT, Drift
 from midnet_bench.campaign.trial import factor_text
@@ -27,10 +26,9 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.io.files import write_atomically
+from midnet_bench.io.files import installed, shipped_folder, write_atomically
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.settings import leaves
-from midnet_bench.workflows.shipped import installed, shipped_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,10 +14,10 @@ from midnet_bench.campaign.definition import Campaign, Definition, Values, parse
 from midnet_bench.campaign.tables import Tables
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.campaigns import run_campaign
 from midnet_bench.workflows import compare as comparison
 from midnet_bench.workflows import errors as causes
 from midnet_bench.workflows import verify as claims
+from midnet_bench.workflows.campaigns import run_campaign
 
 Folder = str | Path | Results  # a campaign's folder, or its results
 Plugin = Callable[..., Any]

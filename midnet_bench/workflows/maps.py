@@ -12,10 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 import midnet_bench
-from midnet_bench.analysis.tables import Table
+from midnet_bench.analysis.tables import Table, csv_text
 from midnet_bench.arena.prior_maps import resampled
 from midnet_bench.campaign.provenance import Provenance, collect, now_utc
-from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot, draw_map
 from midnet_bench.drawing.painter import png_of

@@ -3,20 +3,20 @@
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from midnet_bench import __version__
 from midnet_bench.analysis.claims import verdict_table
 from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results, results_of
-from midnet_bench.analysis.tables import Table
+from midnet_bench.analysis.tables import Table, write_tables
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.experiment import Headline
-from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.io.files import plain_name, write_atomically
+from midnet_bench.experiments.experiment import Experiment, Headline
+from midnet_bench.experiments.registry import columns_of, experiment_in, experiment_of, tables_of
+from midnet_bench.io.files import plain_name, shipped_folder, write_atomically
 from midnet_bench.workflows.compare import Comparison, sweep, sweeps
-from midnet_bench.workflows.shipped import shipped_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,9 +30,17 @@ RECORDED = "recorded"  # the table of trials that were recorded
 COUNTERFACTUALS = "counterfactuals"  # the table with a separate chapter
 
 
-def write_report(
-    directory: str | Path, drawn_from: int = 1, formats: Sequence[str] = FORMATS
-) -> tuple[Results, list[Table]]:
+class Report(NamedTuple):
+    """What was made of a campaign."""
+
+    results: Results
+    tables: list[Table]  # every table of the experiment
+    printed: list[Table]  # those that a terminal shows, in the order of ``Experiment.printed``
+    headline: Headline | None
+    """what a terminal shows first, beside the packaged reference; None: ``printed``"""
+
+
+def write_report(directory: str | Path, drawn_from: int = 1, formats: Sequence[str] = FORMATS) -> Report:
     """Write CSV files, tables, figures, verdicts, configuration, provenance and ``report.html``.
 
     All of them go into the campaign's folder.
@@ -43,44 +51,45 @@ def write_report(
         drawn_from: how many trials have to be finished for figures to be drawn.
         formats: of figures: png, svg, pdf.
 
-    Returns:
-        The results, and every table of the experiment; :func:`printed` are those for a terminal.
-
     Raises:
         InputError: there is no campaign, or it is damaged, foreign or of a newer version.
     """
     directory = Path(directory)
     if (directory / FILE_NAME).exists():
         with open_store(directory / FILE_NAME) as store:
-            results = results_of(store, directory, directory, tables_of)
+            record = experiment_in(store.definition, directory)
+            results = results_of(store, directory, directory, partial(columns_of, record))
             configuration = json.loads(store.definition.to_json())
             for name, content in {CONFIGURATION: configuration, PROVENANCE: results.provenance}.items():
                 write_atomically(directory / name, json.dumps(content, indent=1) + "\n")
     else:
         results = load_results(directory, tables_of)
-    record = experiment_of(results)
+        record = experiment_of(results)
     tables = list(record.tables(results))
     found = record.claims(results)
     claims = verdict_table(found) if found else None
-    for table in [*tables, claims] if claims else tables:
-        table.write(directory)
+    write_tables([*tables, claims] if claims else tables, directory)
     pictures: list[Picture] = []
     if results.finished >= drawn_from:
         pictures, swept = _drawn(record.figures(results), formats), _swept(sweeps(results), formats)
         _write(directory, pictures, swept)
         pictures += swept
+    names = record.printed
+    printed = [table for table in tables if not names or table.name in names]
+    printed.sort(key=lambda table: names.index(table.name) if names else 0)
+    report = Report(results, tables, printed, _headline(record, results) if results.finished else None)
     if results.finished:
-        _write_page(results, tables, claims, pictures)
-    return results, tables
+        _write_page(report, record, claims, pictures)
+    return report
 
 
 def _write_page(
-    results: Results, tables: Sequence[Table], claims: Table | None, pictures: "Sequence[Picture]"
+    report: Report, record: Experiment, claims: Table | None, pictures: "Sequence[Picture]"
 ) -> None:
     from midnet_bench.page.page import Content, report_page
 
-    definition, record = results.definition, experiment_of(results)
-    headline = printed(results, tables)
+    results, tables, headline, conclusion = report
+    definition = results.definition
     grid = "".join(f"; {name}: {', '.join(map(str, values))}" for name, values in definition.grid.items())
     first, last = definition.base_seed, definition.base_seed + definition.trials - 1
     seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
@@ -88,7 +97,7 @@ def _write_page(
     content = Content(
         title=f"{record.name.capitalize()} test",
         lead=f"{record.summary} {trials}; {seeds}{grid}.",
-        conclusion=" ".join(record.headline(results, None).conclusion) if record.headline else "",
+        conclusion=" ".join(conclusion.conclusion) if conclusion else "",
         headline=[table for table in headline if table.name != COUNTERFACTUALS],
         claims=claims,
         counterfactuals=next((table for table in tables if table.name == COUNTERFACTUALS), None),
@@ -103,26 +112,12 @@ def _write_page(
     write_atomically(results.directory / PAGE, report_page(content, recordings))
 
 
-def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
-    """Those of an experiment's tables that a terminal shows, in the order of its ``printed``."""
-    names = experiment_of(results).printed
-    shown = [table for table in tables if not names or table.name in names]
-    return sorted(shown, key=lambda table: names.index(table.name)) if names else shown
-
-
-def headline(results: Results) -> Headline | None:
-    """What a terminal shows of a campaign first, beside the packaged reference; None: its printed tables."""
-    record = experiment_of(results)
-    if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
-        from midnet_bench.workflows import standing
-
-        if standing.is_standard(results.definition):
-            return standing.headline(results)
-    if record.headline is None or not results.finished:
+def _headline(record: Experiment, results: Results) -> Headline | None:
+    if record.headline is None:
         return None
     folder = shipped_folder(f"reference/{record.name}", f"{REFERENCE}/{record.name}")
     is_there = (folder / CONFIGURATION).is_file() and folder.resolve() != results.directory.resolve()
-    return record.headline(results, load_results(folder, tables_of) if is_there else None)
+    return record.headline(results, load_results(folder, lambda *_: record.columns) if is_there else None)
 
 
 def plot(
@@ -174,8 +169,7 @@ def plot(
 
 def write_comparison(found: Comparison, output: Path) -> None:
     """Write a comparison's tables, and the figures that its campaigns have in common."""
-    for table in found.tables:
-        table.write(output)
+    write_tables(found.tables, output)
     _write(output, _drawn(found.experiment.comparison_figures(found.campaigns), FORMATS))
 
 

@@ -27,11 +27,11 @@ from midnet_bench.campaign.store import FILE_NAME
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.campaigns import run_campaign
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Point, lengths
 from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.arenas import check as checked_arena
+from midnet_bench.workflows.campaigns import run_campaign
 
 MOST_ROBOTS = 20
 MOST_TRIALS = 400  # of each team size, unless others are given

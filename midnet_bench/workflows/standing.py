@@ -25,10 +25,9 @@ from midnet_bench.campaign.trial import VARIANT, Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.io.files import write_atomically
+from midnet_bench.io.files import shipped_folder, write_atomically
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.workflows.check import detector_ms
-from midnet_bench.workflows.shipped import shipped_folder
 
 PAPER = ("midnet", "paper", "paper")
 METHOD = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS))  # the parameters that make a method

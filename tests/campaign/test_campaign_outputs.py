@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import midnet_bench
+from midnet_bench.analysis.tables import csv_text
 from midnet_bench.campaign import provenance
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.io.files import write_atomically

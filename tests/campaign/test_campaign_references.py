@@ -12,7 +12,7 @@ from midnet_bench.campaign.runner import plan, run_campaign
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.campaigns import run_campaign as run_with_registry
+from midnet_bench.workflows.campaigns import run_campaign as run_with_registry
 from tests.campaign import dice
 from tests.campaign.campaign_process import environment
 

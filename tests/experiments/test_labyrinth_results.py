@@ -23,7 +23,7 @@ from midnet_bench.experiments.labyrinth.tables import (
     tables,
 )
 from midnet_bench.experiments.labyrinth.trials import Variant, pooled_time, variants_of
-from midnet_bench.workflows.report import printed, write_report
+from midnet_bench.workflows.report import write_report
 from tests.stores import Caught, labyrinth_store
 
 SMALL: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 3]}
@@ -165,7 +165,7 @@ def test_speed_is_by_robots_in_the_arena(results: Results) -> None:
 @pytest.mark.slow
 def test_a_report_repeats_its_bytes_also_without_the_store(tmp_path: Path) -> None:
     made(tmp_path, alternating)
-    results, tables = write_report(tmp_path)
+    printed = write_report(tmp_path).printed
     first = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "campaign.sqlite"}
     (tmp_path / "campaign.sqlite").unlink()
     write_report(tmp_path)
@@ -176,7 +176,7 @@ def test_a_report_repeats_its_bytes_also_without_the_store(tmp_path: Path) -> No
     made_of_them = {f"{stem}{end}" for stem in stems for end in (".csv", ".md", ".tex")}
     assert set(first) == drawn | raw | made_of_them | {"report.html"}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == first
-    names = [table.name for table in printed(results, tables)]
+    names = [table.name for table in printed]
     assert names == ["success_rate", "labyrinth_health", "labyrinth_speed"]
 
 

@@ -11,8 +11,9 @@ import pytest
 from midnet_bench import compiled
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.runner import plan
-from midnet_bench.experiments import campaigns, registry
+from midnet_bench.experiments import registry
 from midnet_bench.experiments.guarded.parameters import SECONDS_PER_SIMULATED_SECOND, START_S
+from midnet_bench.workflows import campaigns
 
 
 def campaign(experiment: str = "detection", **grid: Any) -> ResolvedCampaign:

@@ -241,7 +241,7 @@ def test_a_labyrinths_trial_tells_who_was_caught(tmp_path: Path) -> None:
         trials=1,
         parameters={"engine": "fast", "intruders": 2, "time_limit_s": 30, "record": True},
     )
-    results, _ = write_report(folder)
+    results, *_ = write_report(folder)
     caught = results.table("intruders").dropna(subset=["caught_at_s"])
     assert len(caught)
     with Browser() as browser:

@@ -103,7 +103,7 @@ def test_a_campaign_with_parameters_beside_it_is_refused(tmp_path: Path) -> None
 def test_without_pybullet_the_engine_to_take_is_named_before_the_first_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from midnet_bench.experiments import campaigns
+    from midnet_bench.workflows import campaigns
 
     monkeypatch.setattr(campaigns, "find_spec", lambda name: None)
     with pytest.raises(mb.InputError, match="take 'fast': --engine fast"):

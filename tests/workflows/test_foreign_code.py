@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign import trust
+from midnet_bench.campaign import provenance
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
@@ -110,7 +110,7 @@ def test_ones_own_run_is_trusted_as_it_ran_and_no_copy_of_it(tmp_path: Path) -> 
     assert midnet_bench("run", "walking.yaml", "-o", "moved", folder=tmp_path).returncode == 0
     assert exit_code("moved") == 0
 
-    notes = trust._file()
+    notes = provenance._file()
     assert [stat.S_IMODE(one.stat().st_mode) for one in (notes.parent, notes)] == [0o700, 0o600]
     notes.chmod(0o666)
     assert exit_code("moved") == 2
@@ -132,8 +132,10 @@ def test_what_comes_with_the_package_needs_no_trust(tmp_path: Path) -> None:
     own = Definition(
         "detection", 1, 1, {"arena": ["paper", '{"a": [1], "b": "x.y"}']}, {"detector": "midnet"}
     )
-    trust.check(own, tmp_path)
+    provenance.refuse_untrusted(own, tmp_path)
     module = "midnet_bench.experiments.detection:DETECTION"
     assert registry.experiment_in(Definition(module, 1, 1, {}, {}), tmp_path).name == "detection"
     with pytest.raises(InputError, match="--trust"):
-        trust.check(Definition("detection", 1, 1, {}, {"robot": "midnet_bench_evil.x:Y"}), tmp_path)
+        provenance.refuse_untrusted(
+            Definition("detection", 1, 1, {}, {"robot": "midnet_bench_evil.x:Y"}), tmp_path
+        )

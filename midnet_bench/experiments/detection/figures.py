@@ -29,7 +29,7 @@ def figures(results: Results) -> dict[str, Figure]:
         series: dict[str, dict[int | str, Estimate]] = {}
         for team, cell in [*cells.items()][: None if is_lines else MOST_CELLS]:
             label, place = (team.others or "ours", team.robots) if is_lines else ("ours", _cell(team))
-            series.setdefault(label, {})[place] = cell.estimate(score)
+            series.setdefault(label, {})[place] = cell.means[score]
         for team, printed in papers.items() if score in SCORES else ():
             place = team.robots if is_lines else _cell(team)
             series.setdefault("paper", {})[place] = Estimate(printed[score], math.nan, math.nan, 0)

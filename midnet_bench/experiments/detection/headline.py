@@ -7,14 +7,13 @@ import pandas as pd
 
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.analysis.tables import Cell, Table, rounded
-from midnet_bench.analysis.words import team_in_words
+from midnet_bench.analysis.tables import Cell, Table, team_in_words
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key
 from midnet_bench.experiments.detection.tables import HEADS, SCORES, SHOWN, Cells, cells_of, window_notes
 from midnet_bench.experiments.experiment import Headline
-from midnet_bench.experiments.guarded.metric_tables import metric_tables
+from midnet_bench.experiments.guarded.metric_tables import METRICS, metric_tables
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
@@ -51,7 +50,12 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
     conclusion = [*_verdicts(results, cells), *_misses(results, cells)]
-    return Headline([_scores(title, cells, known), *metric_tables(results)], conclusion, notes, following)
+    return Headline(
+        [_scores(title, cells, known), *(metric_tables(results) if METRICS in results.tables else ())],
+        conclusion,
+        notes,
+        following,
+    )
 
 
 def _scores(title: str, cells: Cells, reference: Cells) -> Table:
@@ -59,10 +63,10 @@ def _scores(title: str, cells: Cells, reference: Cells) -> Table:
     rows: list[Mapping[str, Cell]] = []
     for team, cell in cells.items():
         ours = "this seed" if len(cell) == 1 else f"these {len(cell)} seeds"
-        sources = {ours: {score: cell.estimate(score) for score in SHOWN}}
+        sources = {ours: {score: cell.means[score] for score in SHOWN}}
         if team in reference:
             known = reference[team]
-            sources[f"{len(known)} seeds"] = {score: known.estimate(score) for score in SHOWN}
+            sources[f"{len(known)} seeds"] = {score: known.means[score] for score in SHOWN}
         if cell.paper is not None:
             printed = {score: Estimate(cell.paper[score], math.nan, math.nan, 0) for score in SCORES}
             sources["paper"] = printed
@@ -77,24 +81,28 @@ def _scores(title: str, cells: Cells, reference: Cells) -> Table:
 
 def _reference_cells(results: Results, reference: Results, cells: Cells) -> Cells:
     """The reference's cells that the same parameters made as ours, where it has more seeds."""
-    found = {}
-    for team, cell in cells_of(reference).items():
-        if team in cells and len(cells[team]) < len(cell):
-            ours, theirs = (_result_key(campaign, team.robots) for campaign in (results, reference))
-            if ours is not None and ours == theirs:
-                found[team] = cell
-    return found
+    given = [one.definition.parameters for one in (results, reference)]
+    return {
+        team: cell
+        for team, cell in cells_of(reference).items()
+        if team in cells and len(cells[team]) < len(cell)
+        if _are_alike(*({**parameters, "robots": team.robots} for parameters in given))
+    }
 
 
-def _result_key(results: Results, robots: int) -> DetectionParameters | None:
-    """What numbers depend on; None where this version has no such parameters."""
+def _are_alike(ours: Row, theirs: Row) -> bool:
+    """Whether the parameters of two cells give the same scores; no if this version lacks one of them."""
+    if any(ours.get(name) != theirs.get(name) for name in ("arena", "frames", "robots")):
+        return False
     usual = DetectionParameters.usual()
     outputs: Row = {"record": usual.record, "metrics": usual.metrics}
-    values = {**results.definition.parameters, "robots": robots, **outputs}
+    if {**ours, **outputs} == {**theirs, **outputs}:
+        return True
     try:
-        return result_key(DetectionParameters.from_flat(values))
+        ours_of, theirs_of = (DetectionParameters.from_flat({**one, **outputs}) for one in (ours, theirs))
     except InputError:
-        return None
+        return False
+    return result_key(ours_of) == result_key(theirs_of)
 
 
 def _seeds(rows: pd.DataFrame) -> str:
@@ -107,8 +115,8 @@ def _text(one: Estimate) -> str:
     if math.isnan(one.value):
         return "n/a"
     half = max(one.high - one.value, one.value - one.low)
-    aside = "" if math.isnan(half) else f"±{rounded(half, DIGITS).removeprefix('0')}"
-    return f"{rounded(one.value, DIGITS)} {aside:{DIGITS + 2}}"
+    aside = "" if math.isnan(half) else f"±{half:.{DIGITS}f}".replace("±0", "±")
+    return f"{one.value:.{DIGITS}f} {aside:{DIGITS + 2}}"
 
 
 def _plain_teams(results: Results, cells: Cells) -> Cells:
@@ -124,13 +132,13 @@ def _verdicts(results: Results, cells: Cells) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
-        scores = {team: cell.estimate("f1_one_to_one").value for team, cell in cells.items()}
+        scores = {team: cell.means["f1_one_to_one"].value for team, cell in cells.items()}
         best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
         return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
     reach_m = results.definition.parameters.get("obstacle_range_m")
     parts: list[str] = []
     for team, cell in teams.items():
-        recall = cell.estimate("recall").value
+        recall = cell.means["recall"].value
         if math.isnan(recall):
             continue
         paper = "" if parts else "paper: "

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,11 +19,10 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, distance, exact_sum
-from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.analysis.words import team_in_words
+from midnet_bench.analysis.tables import Cell, Table, team_in_words
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.experiments.detection.error_tables import error_tables
-from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
+from midnet_bench.experiments.guarded.metric_tables import METRICS, metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
 
@@ -77,20 +77,23 @@ class Trials:
         """Of a column over the seeds; exact, a whole number where the column has such."""
         return exact_sum(self.rows[column]) if column.endswith("_m") else sum(self.rows[column])
 
-    def estimate(self, score: str, confidence: float = 0.95) -> Estimate:
-        """Of one score over the seeds, with its interval; ratios stay between 0 and 1."""
-        most = math.inf if score.endswith("_m") else 1.0
-        return statistics.mean(self.rows[score].tolist(), confidence, within=(0.0, most))
+    @cached_property
+    def means(self) -> dict[str, Estimate]:
+        """Score -> its mean over the seeds, with its interval; ratios stay between 0 and 1."""
+        names = [name for name in (*SCORES, *BESIDE) if name in self.rows]
+        values = {name: self.rows[name].tolist() for name in names}
+        limits = {name: (0.0, math.inf if name.endswith("_m") else 1.0) for name in names}
+        return {name: statistics.mean(values[name], within=limits[name]) for name in names}
 
     def estimates(self, scores: Sequence[str]) -> dict[str, Cell]:
-        """Of several scores by name, as :meth:`estimate`."""
-        return {score: self.estimate(score) for score in scores}
+        """The means of several scores."""
+        return {score: self.means[score] for score in scores}
 
     def by_seed(self, column: str) -> dict[int, float]:
         """One column by seed."""
         return dict(zip(self.rows["seed"].tolist(), self.rows[column].tolist(), strict=True))
 
-    @property
+    @cached_property
     def matched_ratios(self) -> dict[str, float]:
         """Precision, recall and F1 by one-to-one matching, of the summed counts."""
         matched = self.total("matched")
@@ -115,7 +118,7 @@ def tables(results: Results) -> list[Table]:
         *own_tables(cells, window_notes(results.definition)),
         *distance_tables(cells),
         _table("scores_by_seed", "Scores by seed", cells, _by_seed),
-        *metric_tables(results),
+        *(metric_tables(results) if METRICS in results.tables else ()),
         *error_tables(results),
     ]
 
@@ -219,7 +222,7 @@ def _matching(team: Team, cell: Trials) -> Rows:
 def _comparison(team: Team, cell: Trials) -> Rows:
     """Ours beside the paper's: means over seeds with 95 % intervals, and the difference."""
     for score in SCORES:
-        ours, papers = cell.estimate(score), math.nan if cell.paper is None else cell.paper[score]
+        ours, papers = cell.means[score], math.nan if cell.paper is None else cell.paper[score]
         difference = ours.value - papers
         yield {"trial": str(team), "score": score, "ours": ours, "paper": papers, "difference": difference}
 
@@ -281,7 +284,8 @@ def _differences(cell: Trials) -> pd.DataFrame:
     return pd.DataFrame(off)
 
 
-def cells_of(results: Results) -> dict[Team, Trials]:
+@lru_cache(maxsize=2)  # what a report is made of, and the packaged reference beside it
+def cells_of(results: Results) -> Mapping[Team, Trials]:
     """Each cell's finished trials, in the campaign's order."""
     scores = trials_of(results)
     if scores.empty:

@@ -110,32 +110,30 @@ def prior_map_from(value: str | None, arena: str, resolution_m: float) -> Occupa
     taken = inline_prior_map(value, arena)
     if taken == EXACT:
         return render_exact(arena_from(arena), resolution_m)
-    grid = _explored(taken.split(":")[0], arena) if taken.startswith(EXPLORED) else _from_text(taken)
+    is_packaged = taken.startswith(EXPLORED)
+    grid = _explored(taken.split(":")[0], arena) if is_packaged else _from_text(taken)
     if abs(grid.resolution - resolution_m) > 1e-9:
         raise InputError(
             f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
             f"{resolution_m:g} m; resample it by 'midnet-bench map --from-map FILE', set resolution_m, or "
             "take prior_map=exact"
         )
-    _check_covers(grid, arena_from(arena))
+    if not is_packaged:
+        _check_covers(grid, arena_from(arena))
     return grid
 
 
-def check_prior_map(
-    value: str, arena: str, resolution_m: float, robots: int, clearance_m: float, reach_m: float
-) -> None:
+def check_patrol(grid: OccupancyGrid, arena: str, robots: int, clearance_m: float, reach_m: float) -> None:
     """Raises InputError unless guards can patrol the arena on a map, as far as no seed decides.
 
     ``reach_m``: of a guard's footprint from its axle.
     """
-    grid = prior_map_from(value, arena, resolution_m)
-    if value.startswith("{"):
-        from midnet_bench.agents.patrol import patrol_points  # OpenCV, which a packaged map does not need
-        from midnet_bench.arena.layout import robot_starts
+    from midnet_bench.agents.patrol import patrol_points  # OpenCV, which a packaged map does not need
+    from midnet_bench.arena.layout import robot_starts
 
-        place = arena_from(arena)
-        start = robot_starts(place, robots)[0]
-        patrol_points(grid, (start.x, start.y), place.enclosure_m, clearance_m, reach_m)
+    place = arena_from(arena)
+    start = robot_starts(place, robots)[0]
+    patrol_points(grid, (start.x, start.y), place.enclosure_m, clearance_m, reach_m)
 
 
 def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:

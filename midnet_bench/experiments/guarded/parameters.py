@@ -11,9 +11,10 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
     EXPLORED,
     arena_from,
-    check_prior_map,
+    check_patrol,
     inline_arena,
     inline_prior_map,
+    prior_map_from,
 )
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
@@ -215,8 +216,6 @@ class GuardParameters(Parameters):
             )
         if self.oracle == "fusion" and self.detector != "midnet":
             raise InputError("oracle: fusion goes with detector=midnet only: it fuses the guards' own boxes")
-        # what several parts share may not suit each of them: tell that here, not in a trial
-        _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
 
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
@@ -264,19 +263,13 @@ class GuardParameters(Parameters):
     @property
     def guarded_place(self) -> Arena:
         """The arena, with its stationary intruders at their size."""
-        place = arena_from(self.arena)
-        least_m, greatest_m = place.stationary_intruders.size_m
-        size_m = (least_m * self.stationary_scale, greatest_m * self.stationary_scale)
-        drawn = place.stationary_intruders.model_copy(update={"size_m": size_m})
-        return place.model_copy(update={"stationary_intruders": drawn})
+        return guarded_place(self.arena, self.stationary_scale)
 
     @cached_property
     def local_costmap(self) -> CostmapSettings:
         """The costmap in which each guard looks for intruders."""
-        costmap = replace(
-            self.costmap,
-            resolution=self.resolution_m,
-            track_unknown=self.midnet.unknown == "occupied",
+        costmap = self.costmap.but(
+            resolution=self.resolution_m, track_unknown=self.midnet.unknown == "occupied"
         )
         if self.oracle == "marks":
             return replace(costmap, memory="single_scan")
@@ -294,7 +287,7 @@ class GuardParameters(Parameters):
         costmap, whose obstacle layer does not track them: an explored wall is one cell thick, and inflation
         that spared the unknown cells behind it would let every noisy return there through.
         """
-        return replace(self.local_costmap, track_unknown=self.prior.unknown == "occupied")
+        return self.local_costmap.but(track_unknown=self.prior.unknown == "occupied")
 
     @property
     def midnet_settings(self) -> MIDNetSettings:
@@ -311,15 +304,15 @@ class GuardParameters(Parameters):
     @cached_property
     def guard_navigator(self) -> NavigatorSettings:
         """What a guard drives by, on maps of this resolution."""
-        settings = self.navigator
-        return replace(
-            settings, global_costmap=replace(settings.global_costmap, resolution=self.resolution_m)
-        )
+        costmap = self.navigator.global_costmap.but(resolution=self.resolution_m)
+        return self.navigator.but(global_costmap=costmap)
 
     @cached_property
     def intruder_navigator(self) -> NavigatorSettings:
         """The same at the intruders' speed."""
-        return self.guard_navigator.at_speed(self.intruder_speed_mps)
+        settings, top_mps = self.guard_navigator, self.intruder_speed_mps
+        limits = settings.dwa.limits, settings.rollout_limits
+        return settings if {one.max_vel_x_mps for one in limits} == {top_mps} else settings.at_speed(top_mps)
 
     @property
     def robot_simulation(self) -> SimulationSettings:
@@ -338,14 +331,10 @@ class GuardParameters(Parameters):
         arena = inline_arena(self.arena)
         prior_map = inline_prior_map(self.prior_map, arena)
         try:
-            check_prior_map(
-                prior_map,
-                arena,
-                self.resolution_m,
-                self.robots,
-                self.patrol.clearance_m,
-                self.simulation.robot_model.footprint_reach_m,
-            )
+            grid = prior_map_from(prior_map, arena, self.resolution_m)
+            if prior_map.startswith("{"):  # a user's
+                reach_m = self.simulation.robot_model.footprint_reach_m
+                check_patrol(grid, arena, self.robots, self.patrol.clearance_m, reach_m)
         except InputError as error:
             # what was read holds the map itself; only what was given names its file
             if self.prior_map == prior_map:
@@ -353,13 +342,24 @@ class GuardParameters(Parameters):
             raise InputError(
                 f"prior_map: {self.prior_map or EXPLORED}: {str(error).removeprefix('prior_map: ')}"
             ) from error
-        return replace(
-            self,
+        read = self.but(
             arena=arena,
             prior_map=prior_map,
             detector=DETECTORS.pinned(self.detector),
             fusion=FUSIONS.pinned(self.fusion),
-            metrics=pinned_metrics(self.metrics),
-            patrol=replace(self.patrol, rule=PATROLS.pinned(self.patrol.rule)),
+            metrics=self.metrics if self.metrics == NONE else pinned_metrics(self.metrics),
+            patrol=self.patrol.but(rule=PATROLS.pinned(self.patrol.rule)),
             simulation=self.simulation.with_files_read(),
         )
+        # what several parts share may not suit each of them: tell that here, not in a trial
+        _ = read.prior_costmap, read.guard_navigator, read.intruder_navigator
+        return read
+
+
+def guarded_place(arena: str, stationary_scale: float) -> Arena:
+    """See :attr:`GuardParameters.guarded_place`."""
+    place = arena_from(arena)
+    least_m, greatest_m = place.stationary_intruders.size_m
+    size_m = (least_m * stationary_scale, greatest_m * stationary_scale)
+    drawn = place.stationary_intruders.model_copy(update={"size_m": size_m})
+    return place.model_copy(update={"stationary_intruders": drawn})

@@ -15,7 +15,7 @@ from midnet_bench.campaign.definition import differs_between_cells, shown_cell
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters, guarded_place
 from midnet_bench.experiments.guarded.record import (
     BEAM_STEP,
     CAPTURES,
@@ -27,8 +27,8 @@ from midnet_bench.experiments.guarded.record import (
     RecordedRobot,
 )
 from midnet_bench.page.recording import KINDS, STEP_MM, Event, Recording, Rows, tracked
-from midnet_bench.robots.burger import BURGER
-from midnet_bench.robots.model import ROBOTS, RobotModel
+from midnet_bench.robots.model import ROBOTS
+from midnet_bench.simulation.world_settings import own_robot
 
 TURN = round(2000.0 * math.pi / STEP_MM)  # a whole turn in the page's steps of angle
 NEEDED = (FRAMES, "robots", ERRORS, "trial", "intruders", CAPTURES)
@@ -43,7 +43,8 @@ def recordings(results: Results) -> Iterator[Recording]:
     Raises:
         InputError: a recorded frame is damaged.
     """
-    tables = {name: _by_trial(results, name) for name in NEEDED}
+    there = {name: results.tables.get(name) for name in NEEDED}
+    tables = {name: _by_trial(results.factors, frame) for name, frame in there.items()}
     for key, frames in tables[FRAMES].items():
         factors = dict(zip(results.factors, key[:-1], strict=True))
         rows = {name: records(trials[key]) if key in trials else [] for name, trials in tables.items()}
@@ -57,12 +58,11 @@ def recordings(results: Results) -> Iterator[Recording]:
         yield replace(made, cell=results.teams(frames.head(1))[0], explained=bool(tables[ERRORS]))
 
 
-def _by_trial(results: Results, table: str) -> dict[Key, pd.DataFrame]:
+def _by_trial(factors: Sequence[str], frame: pd.DataFrame | None) -> dict[Key, pd.DataFrame]:
     """A table's rows by the factors of the grid and the seed; nothing if no trial has it."""
-    frame = results.tables.get(table)
     if frame is None or frame.empty:
         return {}
-    groups = frame.groupby([*results.factors, "seed"], sort=False, dropna=False)
+    groups = frame.groupby([*factors, "seed"], sort=False, dropna=False)
     return {_plain(key): rows for key, rows in groups}
 
 
@@ -77,7 +77,7 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
     team = [(str(row["robot"]), row["role"] == "guard") for row in tables["robots"]]
     name = str(given.get("robot", ""))
     # the robot if it comes with the package: no file is run to show results
-    model: RobotModel = ROBOTS.make(name) if name in ROBOTS.own else BURGER
+    model = own_robot(name if name in ROBOTS.own else "burger")
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
     has_scans = all(len(scan) in (0, len(beams)) for frame in frames for scan in frame.scans_m)
     words: dict[str, int] = {"": 0}
@@ -219,9 +219,9 @@ def _errors(frames: int, errors: Sequence[Row], words: dict[str, int]) -> list[l
 
 def _plan(given: Mapping[str, Scalar], seed: int) -> FloorPlan:
     known = {name: value for name, value in given.items() if not differs_between_cells(value)}
-    arena, plain = str(known["arena"]), GuardParameters()
+    arena = str(known["arena"])
     if arena not in arena_names() and not arena.startswith("{"):
         raise ValueError(f"arena {arena!r} is none")
-    scale = float(str(known.get("stationary_scale", plain.stationary_scale)))
-    guarded = replace(plain, arena=arena, stationary_scale=scale).guarded_place
+    scale = float(str(known.get("stationary_scale", GuardParameters.stationary_scale)))
+    guarded = guarded_place(arena, scale)
     return FloorPlan.of(guarded, place(guarded, seed, int(str(known["robots"])), 0), seed)

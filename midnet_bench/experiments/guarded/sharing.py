@@ -1,7 +1,6 @@
 """Which trials have something in common: the same motion, or all their numbers."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -25,7 +24,7 @@ GRIDS_ONLY = ("align", "min_area_cells", "min_returns")
 
 def with_defaults(settings: AnySettings, names: Iterable[str]) -> AnySettings:
     """The settings with those of these names at their defaults."""
-    return replace(settings, **{name: getattr(type(settings), name) for name in names})
+    return settings.but(**{name: getattr(type(settings), name) for name in names})
 
 
 def simulation_key(parameters: Guarded, names: Sequence[str] = ()) -> Guarded:
@@ -54,13 +53,12 @@ def result_key(parameters: Guarded, keep_thresh_local: bool = False, **changes: 
         prior, deflate_boxes = PriorMapSettings(), False
         unused.update(GRIDS_ONLY, () if keep_thresh_local else ("thresh_local",))
     else:
-        prior = replace(prior, thresh=_least_cost(parameters.prior_costmap, prior.thresh))
+        prior = prior.but(thresh=_least_cost(parameters.prior_costmap, prior.thresh))
         if not (keep_thresh_local or deflate_boxes):
             least = _least_cost(parameters.local_costmap, midnet.thresh_local)
-            midnet = replace(midnet, thresh_local=least)
+            midnet = midnet.but(thresh_local=least)
     unused.update(("iou_fuse",) * (parameters.fusion != "paper"), ALLIES_ONLY * (parameters.robots == 1))
-    return replace(
-        parameters,
+    return parameters.but(
         preset=GuardParameters.preset,
         prior=prior,
         midnet=with_defaults(midnet, unused),
@@ -75,12 +73,12 @@ def _without_idle_oracle(parameters: Guarded) -> Guarded:
     oracle, changes = parameters.oracle, dict[str, Any]()
     if oracle in ("window", "marks"):
         local = parameters.local_costmap
-        changes = {"costmap": replace(parameters.costmap, size_m=local.size_m, memory=local.memory)}
+        changes = {"costmap": parameters.costmap.but(size_m=local.size_m, memory=local.memory)}
     elif oracle == "crop":
-        changes = {"midnet": replace(parameters.midnet, align="origin")}
+        changes = {"midnet": parameters.midnet.but(align="origin")}
     elif (oracle, parameters.robots) != ("allies", 1) and (oracle, parameters.prior_map) != ("map", EXACT):
         return parameters
-    return replace(parameters, oracle="none", **changes)
+    return parameters.but(oracle="none", **changes)
 
 
 @lru_cache
