@@ -35,7 +35,6 @@ WALL_STAYS_M = 0.25  # up to here from a mapped wall, what stays put is the wall
 BESIDE_A_LABEL = ("displaced", "fragment")
 MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
 """causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
-MOST_RECENT = 20  # scans whose surroundings are kept: one of each robot
 
 
 class ErrorRow(NamedTuple):
@@ -89,21 +88,11 @@ class Explainer:
         self._matcher: ScanToMap | None = None
         self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
-        self._recent: list[tuple[Floats, Surroundings]] = []
-        """of the last scans' returns, which each box needs"""
         self._label_ways: dict[str, tuple[list[float], list[float]]] = {}
         """label -> lowest and highest x, y that it was at"""
 
-    def surroundings(self, returns: Floats) -> Surroundings:
-        """What the map has about each of a scan's (n, 2) returns; worked out once for each scan."""
-        for points, known in reversed(self._recent):
-            if points is returns:
-                return known
-        known = self._surroundings(returns)
-        self._recent = [*self._recent[-MOST_RECENT:], (returns, known)]
-        return known
-
-    def _surroundings(self, points: Floats) -> Surroundings:
+    def surroundings(self, points: Floats) -> Surroundings:
+        """What the map has about each of (n, 2) points, map frame."""
         wall_m = values_at(self._wall_m, self._map, points, math.inf)
         return Surroundings(wall_m, values_at(self._map.data, self._map, points, UNKNOWN) < 0)
 
@@ -130,7 +119,7 @@ class Explainer:
         for one, robot in zip(frame.observed, view.explanation.views, strict=True):
             if one.scan is not None:
                 points = _points_near(one.returns, label, near_m)
-                free = points[self._surroundings(points).wall_m > self.counts.resolution_m]
+                free = points[self.surroundings(points).wall_m > self.counts.resolution_m]
                 points = free if len(free) else points
                 total += len(points)
                 stages.append(self._stage(one.robot, one.scan, points, robot, label, near_m))
@@ -155,7 +144,7 @@ class Explainer:
         points_on, values_on = points[values >= 0], values[values >= 0]
         if not len(points_on):
             return "outside_prior"
-        about = self._surroundings(points_on)
+        about = self.surroundings(points_on)
         if not _is_left(view.d, points_on, math.ceil(settings.local_reach_m / prior.resolution)):
             is_unknown = settings.prior.unknown == "occupied" and about.unknown.mean() > 0.5
             return "unknown_cells" if is_unknown else "under_prior"
@@ -245,13 +234,10 @@ class Explainer:
 
     def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
         """The returns of the last scans in a box or a cell beside it, and what the map has about them."""
-        rows = [
-            [column[_is_inside(box, one.returns, self._map.resolution)] for column in columns]
-            for one in frame.observed
-            for columns in [(one.returns, *self.surroundings(one.returns))]
-        ]
-        points, wall_m, unknown = (np.concatenate(column) for column in zip(*rows, strict=True))
-        return points, Surroundings(wall_m, unknown)
+        cell_m = self._map.resolution
+        each = [one.returns[_is_inside(box, one.returns, cell_m)] for one in frame.observed]
+        points = np.concatenate(each)
+        return points, self.surroundings(points)
 
     def _better_pose_corrects(self, frame: ReplayFrame, box: Box) -> bool:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
@@ -262,7 +248,7 @@ class Explainer:
             if one.scan is None or pose is None:
                 continue
             shifted = pose.transform(one.scan.pose.inverse().transform(points))
-            off_m = float(np.median(self._surroundings(shifted).wall_m))
+            off_m = float(np.median(self.surroundings(shifted).wall_m))
             if off_m <= max(grown_m, self._map.resolution):
                 return True
         return False

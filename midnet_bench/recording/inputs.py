@@ -27,7 +27,7 @@ from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.setup import EVERY, RecordingSetup, number_of
-from midnet_bench.recording.truth import LabelTable
+from midnet_bench.recording.truth import LabelTable, Truth
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.settings import Scalar
 
@@ -74,22 +74,23 @@ class ReplayInputs:
             self.recorded, self.robots, self.prior_map, settings, self.setup, plans, correctors, followed
         )
 
-    def labels(self) -> tuple[LabelTable | None, list[AllyPlan]]:
-        """The table of labels, or the topics with poses of intruders. Raises InputError: there are none."""
-        truth = self.setup.truth
+    def labels(self) -> Truth:
+        """The labels of the setup. Raises InputError: there are none where it says so."""
+        truth, table, followed = self.setup.truth, None, list[AllyPlan]()
         if EVERY not in truth:
-            return None, [
+            followed = [
                 followed_topic(self.recorded, "truth", name, topic, 1.0) for name, topic in truth.items()
             ]
-        if len(truth) > 1:
+        elif len(truth) > 1:
             raise InputError("truth: give either a table or topics")
-        table = LabelTable(Path(truth[EVERY]))
-        if table.by_index and len(self.robots) > 1:
-            raise InputError(
-                f"truth: {truth[EVERY]}: scan_index does not say of which of {len(self.robots)} robots; "
-                "label by t"
-            )
-        return table, []
+        else:
+            table = LabelTable(Path(truth[EVERY]))
+            if table.by_index and len(self.robots) > 1:
+                raise InputError(
+                    f"truth: {truth[EVERY]}: scan_index does not say of which of {len(self.robots)} robots; "
+                    "label by t"
+                )
+        return Truth(table, followed, self.setup.max_pose_age_s)
 
 
 @contextmanager

@@ -37,14 +37,10 @@ def interpolated(older: Floats, newer: Floats, share: Floats) -> Floats:
     ``share``: (n,) 0 at the older, 1 at the newer. The yaw is within [-pi, pi).
     """
     step = newer - older
-    step[:, 2] = _wrapped(step[:, 2])
+    step[:, 2] = (step[:, 2] + math.pi) % math.tau - math.pi
     poses = older + share[:, None] * step
-    poses[:, 2] = _wrapped(poses[:, 2])
+    poses[:, 2] = (poses[:, 2] + math.pi) % math.tau - math.pi
     return np.asarray(poses)
-
-
-def _wrapped(angles_rad: Floats) -> Floats:
-    return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 class PoseTrack:
@@ -170,14 +166,16 @@ class PoseInterpolator:
             for number, age_s in enumerate(ages_s)
         ]
 
-    def missing(self, time_ns: int) -> PoseTrack | None:
-        """The first track that has no pose before an instant; None if all have one."""
-        return next((track for track in self.tracks if track.at(time_ns) is None), None)
-
-    def oldest(self, time_ns: int) -> PoseTrack:
-        """The track whose pose lies farthest from an instant where all have one."""
-        ages_s = self._ages_s([one.age_s for track in self.tracks if (one := track.at(time_ns)) is not None])
-        return self.tracks[ages_s.index(max(ages_s))]
+    def fault(self, time_ns: int, max_age_s: float) -> str:
+        """Why no pose at an instant can be used, in words."""
+        ages_s = []
+        for track in self.tracks:
+            estimate = track.at(time_ns)
+            if estimate is None:
+                return f"has no pose of {track.name} before it"
+            ages_s.append(estimate.age_s)
+        ages_s = self._ages_s(ages_s)
+        return f"lies more than {max_age_s:g} s from a pose of {self.tracks[ages_s.index(max(ages_s))].name}"
 
     def forget(self, before_ns: int) -> None:
         """See :meth:`PoseTrack.forget`."""

@@ -85,10 +85,11 @@ class Tally:
     first_ns: int = 0  # time of the first frame
     last_ns: int = 0
 
-    def skip(self, why: str, where: str) -> None:
+    def skip(self, why: str, where: str) -> Literal[False]:
         """Count a scan that was not taken."""
         self.skipped[why] += 1
         self.first.setdefault(why, where)
+        return False
 
 
 @dataclass
@@ -115,6 +116,12 @@ class _Pending(NamedTuple):
     scan: ScanReading | None = None
     exact: Floats | None = None
     number: int = -1  # of the scan among those of its topic
+
+    @property
+    def place(self) -> str:
+        """Which scan it is, in words."""
+        name = self.laser.plan.name if self.laser else ""
+        return f"robot '{name}', scan {self.number} at {self.time_ns / NS:.3f} s"
 
 
 class Replay:
@@ -156,7 +163,8 @@ class Replay:
         ]
         self._allies = [(plan, self._interpolator(plan.pose)) for plan in allies]
         self._followed = [(plan, self._interpolator(plan.pose)) for plan in followed]
-        self._others = [where for _, where in (*self._allies, *self._followed)]
+        others = [where for _, where in (*self._allies, *self._followed)]
+        self._interpolators = [*(one.where for one in self._lasers), *others]
         self._by_scan = {(one.plan.source, one.plan.topic, one.plan.frame): one for one in self._lasers}
         self._by_exact = {(one.plan.source, one.plan.topic + EXACT_ENDING): one for one in self._lasers}
         self._lags: dict[tuple[int, str, str, str], int] = {}
@@ -190,7 +198,10 @@ class Replay:
                 while self._pending and self._is_ready(self._pending[0]):
                     self._passed_ns = self._pending[0].time_ns
                     yield from self._passed(heapq.heappop(self._pending))
-        self._queue_last_frame()
+        if self._period_ns is not None and self._now_ns is not None:  # one more, if it is in the recording
+            ends = zip(self._recorded.sources, self._recorded.offsets_ns, strict=True)
+            end_ns = max(source.end_ns + own_ns for source, own_ns in ends)
+            self._queue_frames(min(end_ns, self._now_ns + round(self._period_ns)))
         while self._pending:
             yield from self._passed(heapq.heappop(self._pending))
         if self._damage is not None:
@@ -249,9 +260,7 @@ class Replay:
         if self._period_ns is not None and self._due is not None:
             if self._now_ns - self._due * self._period_ns > LARGEST_JUMP_NS:
                 self._due = math.ceil(self._now_ns / self._period_ns)
-            while round(self._due * self._period_ns) <= self._now_ns:
-                self._queue_frame(self._due * self._period_ns)
-                self._due += 1
+            self._queue_frames(self._now_ns)
         return True
 
     def _queue_scan(self, laser: _Laser, reading: ScanReading, time_ns: int) -> bool:
@@ -262,22 +271,20 @@ class Replay:
             laser.where.forget(time_ns)
             return False
         if self._passed_ns is not None and time_ns < self._passed_ns:
-            return self._skip(item, laser, "came after later ones were taken")
+            return self.tally.skip("came after later ones were taken", item.place)
         heapq.heappush(self._pending, item)
         if self._period_ns is not None and self._due is None:
             self._due = math.ceil(time_ns / self._period_ns)
         return True
 
-    def _queue_frame(self, time_ns: float) -> None:
-        heapq.heappush(self._pending, _Pending(round(time_ns), 1 << 62))
-
-    def _queue_last_frame(self) -> None:
-        """A frame that is due after the last reading, before the recording ends."""
-        if self._period_ns is not None and self._due is not None and self._now_ns is not None:
-            ends = zip(self._recorded.sources, self._recorded.offsets_ns, strict=True)
-            end_ns, due_ns = max(one.end_ns + own_ns for one, own_ns in ends), self._due * self._period_ns
-            if round(due_ns) <= min(end_ns, self._now_ns + round(self._period_ns)):
-                self._queue_frame(due_ns)
+    def _queue_frames(self, until_ns: int) -> None:
+        """The frames at a rate that are due by an instant."""
+        while self._period_ns and self._due is not None:
+            due_ns = round(self._due * self._period_ns)
+            if due_ns > until_ns:
+                return
+            heapq.heappush(self._pending, _Pending(due_ns, 1 << 62))
+            self._due += 1
 
     def _jumps(self, source: int, reading: ScanReading | PoseReading) -> bool:
         """Whether a stamp lies hours off where the last one of its topic leaves it; that is counted."""
@@ -304,41 +311,30 @@ class Replay:
         until_ns = item.time_ns
         if self._setup.deskew and item.laser is not None and item.scan is not None:
             until_ns += round(item.laser.plan.beam_s * NS * len(item.scan.ranges_m))
-        wanted = [one.where for one in self._lasers]
-        return all(where.is_known_at(until_ns) for where in (*wanted, *self._others))
+        return all(where.is_known_at(until_ns) for where in self._interpolators)
 
     def _passed(self, item: _Pending) -> Iterator[ReplayFrame]:
         if item.laser is None or (self._observe(item, item.laser) and self._setup.rate_hz is None):
             frame = self._frame(item)
             if frame is not None:
                 yield frame
-        for where in (*(one.where for one in self._lasers), *self._others):
+        for where in self._interpolators:
             where.forget(item.time_ns)
 
     def _seconds(self, time_ns: int) -> float:
         tick_hz = self._setup.tick_hz
         return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
 
-    def _skip(self, item: _Pending, laser: _Laser, why: str) -> Literal[False]:
-        """Count a scan that is not taken."""
-        place = f"robot '{laser.plan.name}', scan {item.number} at {item.time_ns / NS:.3f} s"
-        self.tally.skip(why, place)
-        return False
-
     def _observe(self, item: _Pending, laser: _Laser) -> bool:
         """Take a scan into its robot's costmap; whether that was done."""
         assert item.scan is not None
         plan, scan, max_age_s = laser.plan, item.scan, self._setup.max_pose_age_s
         if not len(scan.ranges_m):
-            return self._skip(item, laser, "has no range at all")
+            return self.tally.skip("has no range at all", item.place)
         estimate = laser.where.at(item.time_ns)
         if estimate is None or estimate.age_s > max_age_s:
             self.tally.without_pose += 1
-            missing = laser.where.missing(item.time_ns)
-            if missing is not None:
-                return self._skip(item, laser, f"has no pose of {missing.name} before it")
-            link = laser.where.oldest(item.time_ns).name
-            return self._skip(item, laser, f"lies more than {max_age_s:g} s from a pose of {link}")
+            return self.tally.skip(laser.where.fault(item.time_ns, max_age_s), item.place)
         if item.exact is None:
             geometry, ranges_m = scan.geometry(plan.no_return.range_max_m), plan.no_return.cleaned(scan)
         else:
@@ -346,7 +342,7 @@ class Replay:
         try:
             lidar = geometry_of(geometry, len(ranges_m), plan.mount, plan.is_mirrored)
         except InputError as error:
-            return self._skip(item, laser, str(error))
+            return self.tally.skip(str(error), item.place)
         if self._setup.deskew:
             last = laser.where.at(item.time_ns + round(plan.beam_s * NS * lidar.beams))
             if last is not None and last.age_s <= max_age_s:
@@ -414,18 +410,10 @@ class Replay:
             outputs=outputs,
         )
 
-    def void_poses(self) -> list[str]:
-        """A line for each track with readings that were no pose."""
-        return [
-            f"{track.name}: {track.void} poses are not finite, too far off or no rotation, "
-            f"the first at {(track.first_void_ns or 0) / NS:.3f} s; they were left out"
-            for track in self._tracks.values()
-            if track.void
-        ]
-
-    def pose_times(self) -> list[tuple[str, int]]:
-        """Name of each track, and how many poses it had."""
-        return [(track.name, track.taken) for track in self._tracks.values()]
+    @property
+    def tracks(self) -> list[PoseTrack]:
+        """The tracks that poses are made of."""
+        return list(self._tracks.values())
 
 
 def deskewed(ranges_m: Floats, lidar: LidarGeometry, step: Pose2D) -> Floats:

@@ -156,7 +156,7 @@ class Scorer:
             counts = True
             dx, dy = one.returns[:, 0] - label.x, one.returns[:, 1] - label.y
             near = dx * dx + dy * dy <= self._setup.match_distance_m * self._setup.match_distance_m
-            wall_m = self._explainer.surroundings(one.returns).wall_m[near]
+            wall_m = self._explainer.surroundings(one.returns[near]).wall_m
             is_visible |= bool((wall_m > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any())
         return counts, is_visible
 

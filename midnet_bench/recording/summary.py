@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.detectors.tracking import Event, Events
 from midnet_bench.errors import InputError
-from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 from midnet_bench.recording.files.survey import lag_in_words
 from midnet_bench.recording.fitting.fit import samples_of
-from midnet_bench.recording.fitting.setup_check import PARAMETERS, QUICK_SAMPLES, Proposal, verdict
+from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.scores import Score, Scorer
 from midnet_bench.recording.setup import RecordingSetup
-from midnet_bench.recording.truth import LabelTable
+from midnet_bench.recording.truth import Truth
 from midnet_bench.scoring.error_causes import MISS, RECORDED_BOXES, RECORDED_MISSES
 
 
@@ -64,20 +64,27 @@ def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
 def setup_table(name: str, proposal: Proposal) -> Table:
     """The setup that was found: each parameter with how far it can be changed within noise."""
     found = proposal.found
-    values = (*found.mount, found.delay_s, *found.map_moved)
     rows: list[dict[str, Scalar]] = []
-    for parameter, value in zip(PARAMETERS, values, strict=True):
-        span = proposal.ranges.get(parameter)
-        factor = math.degrees(1.0) if parameter.endswith("yaw") else 1.0
-        row: dict[str, Scalar] = {"parameter": parameter, "value": value * factor}
-        row["unit"] = "deg" if parameter.endswith("yaw") else "s" if parameter == "scan delay" else "m"
-        if span is not None:
-            row |= {"less_by": span.below * factor, "more_by": span.above * factor}
-            row["sure"] = "no" if span.is_open else "yes"
-        rows.append(row)
-    rows.append({"parameter": "mirrored", "value": "yes" if found.is_mirrored else "no"})
-    rows.append({"parameter": "share before", "value": proposal.share_before})
-    rows.append({"parameter": "share after", "value": found.share})
+    values = (*found.mount, found.delay_s, *found.map_moved)
+    for (parameter, span), value in zip(proposal.ranges.items(), values, strict=True):
+        is_angle = parameter.endswith("yaw")
+        factor, unit = (math.degrees(1.0), "deg") if is_angle else (1.0, "m")
+        rows.append(
+            {
+                "parameter": parameter,
+                "value": value * factor,
+                "unit": "s" if parameter == "scan delay" else unit,
+                "less_by": span.below * factor,
+                "more_by": span.above * factor,
+                "sure": "no" if span.is_open else "yes",
+            }
+        )
+    rest = {
+        "mirrored": "yes" if found.is_mirrored else "no",
+        "share before": proposal.share_before,
+        "share after": found.share,
+    }
+    rows += [{"parameter": parameter, "value": value} for parameter, value in rest.items()]
     return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)
 
 
@@ -89,18 +96,16 @@ def lag_lines(inputs: ReplayInputs, robot: RobotPlan) -> list[str]:
     surveys, clock = inputs.recorded.surveys, inputs.setup.clock
     scans = surveys[robot.source].streams[robot.scan_topic]
     readings = {link.in_words: link.seen(surveys) for link in robot.pose.links if isinstance(link, Link)}
-    still = [(robot.scan_topic, "scans", scans.scans[0].stamp_ns)] if scans.stamps_stand_still else []
-    still += [
-        (link, "poses", poses[0].stamp_ns)
-        for link, poses in readings.items()
-        if len(poses) > 1 and len({pose.stamp_ns for pose in poses}) == 1
-    ]
-    if clock == "header" and still:
-        topic, what, stamp_ns = still[0]
-        raise InputError(
-            f"{surveys[robot.source].source.path}: {topic}: the stamps of the {what} stand still at "
-            f"{stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
-        )
+    seen_on: dict[tuple[str, str], Sequence[ScanReading | PoseReading]] = {
+        (robot.scan_topic, "scans"): scans.scans,
+        **{(link, "poses"): poses for link, poses in readings.items()},
+    }
+    for (topic, what), seen in seen_on.items() if clock == "header" else ():
+        if len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1:
+            raise InputError(
+                f"{surveys[robot.source].source.path}: {topic}: the stamps of the {what} stand still at "
+                f"{seen[0].stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
+            )
     scan_lags_s = scans.lags_s
     pose_lags_s = [(pose.record_ns - pose.stamp_ns) / NS for poses in readings.values() for pose in poses]
     if not len(scan_lags_s) or not pose_lags_s:
@@ -142,8 +147,13 @@ def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str
     if tally.oldest_pose_s > 0.0:
         oldest_ms = 1000.0 * tally.oldest_pose_s
         note(f"no scan lies farther than {oldest_ms:.0f} ms from the poses that it is placed by")
-    faults += played.void_poses()
-    faults += [f"{name}: no pose of it came" for name, count in played.pose_times() if not count]
+    for track in played.tracks:
+        if track.void:
+            faults.append(
+                f"{track.name}: {track.void} poses are not finite, too far off or no rotation, "
+                f"the first at {(track.first_void_ns or 0) / NS:.3f} s; they were left out"
+            )
+    faults += [f"{track.name}: no pose of it came" for track in played.tracks if not track.taken]
     if not tally.frames and tally.skipped:
         faults.append(
             "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "
@@ -157,18 +167,13 @@ def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str
     return faults
 
 
-def unlabelled(
-    setup: RecordingSetup, table: LabelTable | None, scorers: Mapping[str, Scorer], played: Replay
-) -> list[str]:
-    """A line if there are labels, and none at the time of any frame."""
-    if not setup.truth or any(scorer.score.labelled for scorer in scorers.values()):
-        return []
+def unlabelled(setup: RecordingSetup, truth: Truth, played: Replay) -> str:
+    """That none of the labels is at the time of any frame."""
     first_s, last_s = played.tally.first_ns / NS, played.tally.last_ns / NS
-    held = "no pose of it lies at a frame" if table is None else f"its labels have {table.span}"
-    return [
-        f"truth: {next(iter(setup.truth.values()))}: nothing is scored: {held}, {played.tally.frames} frames "
-        f"t {first_s:.3f} to {last_s:.3f} (clock: {setup.clock})"
-    ]
+    return (
+        f"truth: {next(iter(setup.truth.values()))}: nothing is scored: {truth.span}, {played.tally.frames} "
+        f"frames t {first_s:.3f} to {last_s:.3f} (clock: {setup.clock})"
+    )
 
 
 def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:

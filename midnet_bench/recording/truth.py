@@ -1,5 +1,6 @@
-"""Labels of a recording: true positions over time, and the boxes that match them."""
+"""Labels of a recording, from a table or from topics with poses, and the boxes that match them."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +15,8 @@ from midnet_bench.geometry import Box
 from midnet_bench.io.scan_logs import read_lines
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.tables import number_in, rows_of, time_in
+from midnet_bench.recording.plan import AllyPlan
+from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.scoring.frame_counts import FrameMatch
 
 SAME_NS = NS // 50  # a label that is no farther from a scan in time is taken for the scan's own
@@ -115,6 +118,39 @@ class LabelTable:
             return f"scan_index {min(self.by_index)} to {max(self.by_index)}"
         every = np.concatenate([*self._times.values(), self._empty_ns])
         return f"t {every.min() / NS:.3f} to {every.max() / NS:.3f}"
+
+
+class Truth:
+    """The labels of a recording: of a table, or the recorded poses of intruders; or none."""
+
+    def __init__(self, table: LabelTable | None, followed: Sequence[AllyPlan], max_age_s: float) -> None:
+        """``followed``: intruders with recorded poses, which count up to an age of ``max_age_s``."""
+        self._table, self.followed, self._max_age_s = table, followed, max_age_s
+
+    def at(self, frame: ReplayFrame) -> Labels | None:
+        """What is known at a frame; None where it was not labelled. Raises InputError, as the table does."""
+        if self._table is not None:
+            return self._table.at(frame.time_ns, frame.scan_index)
+        labels = [
+            Label(plan.name, estimate.pose.x, estimate.pose.y)
+            for plan, estimate in frame.followed
+            if estimate is not None and estimate.age_s <= self._max_age_s
+        ]
+        return Labels(labels, []) if labels else None
+
+    @property
+    def objects(self) -> int:
+        """How many are labelled."""
+        if self._table is None:
+            return len(self.followed)
+        every = itertools.chain(*self._table.by_index.values())
+        return len({label.name for label in every} | self._table.by_time.keys())
+
+    @property
+    def span(self) -> str:
+        """What there is, for a recording of which nothing is scored."""
+        held = self._table and self._table.span
+        return f"its labels have {held}" if held else "no pose of it lies at a frame"
 
 
 def _has_near(times_ns: npt.NDArray[np.int64], time_ns: int) -> bool:

@@ -39,7 +39,7 @@ from midnet_bench.recording.summary import (
     setup_table,
     unlabelled,
 )
-from midnet_bench.recording.truth import Label, Labels
+from midnet_bench.recording.truth import Labels
 
 SETUP_FILE = "setup.yaml"
 BOXES = ("preset", "frame", "t", "scan_index", "robot", "x_min_m", "y_min_m", "x_max_m", "y_max_m")
@@ -84,15 +84,19 @@ def replay(
         for line in input_summary(inputs, run.settings):
             note(line)
         faults = [line for robot in inputs.robots for line in report_fit(inputs, robot, note)]
-        with run.writing(film, bag, note) as take, _added_to(faults):
-            for frame in run.played.frames():
-                take(frame)
-                progress(run.played.done)
+        with run.writing(film, bag, note) as take:
+            try:
+                for frame in run.played.frames():
+                    take(frame)
+                    progress(run.played.done)
+            except InputError as error:
+                faults.append(str(error))
         progress(1.0)
         faults += replay_faults(run.played, inputs.setup, note)
         if not run.played.tally.frames:
             raise InputError("; ".join(faults) or f"{files[0]}: no frame came of it")
-        faults += unlabelled(inputs.setup, run.label_table, run.scorers, run.played)
+        if inputs.setup.truth and not any(one.scorer.score.labelled for one in run.presets.values()):
+            faults.append(unlabelled(inputs.setup, run.labels, run.played))
         return run.results(film, faults, note)
 
 
@@ -100,38 +104,53 @@ def _folder(inputs: ReplayInputs, output: Path | None) -> Path:
     return output or Path("results") / f"replay-{inputs.recorded.names[0]}"
 
 
+class _Preset:
+    """What one detector's boxes come to: scores, causes, events."""
+
+    def __init__(self, name: str, run: "_Run", stack: ExitStack) -> None:
+        settings, node = run.settings[name], run.played.nodes[name]
+        kept = stack.enter_context(TemporaryFile())  # noqa: SIM115
+        grid = run.inputs.prior_map
+        self.name, self.explainer = name, Explainer(name, grid, node, settings, run.counts, kept)
+        self.scorer = Scorer(name, self.explainer, settings.range_m, run.inputs.setup)
+        self.events, self.switches = Events(), 0
+        self._track_of: dict[str, int] = {}
+        """label -> the track that it was on last"""
+
+    def take(self, frame: ReplayFrame, labels: Labels | None) -> FrameScore | None:
+        """Score the boxes, and take them for events; with labels, those within sector and window alone."""
+        score, boxes = self.scorer.take(frame, labels), frame.outputs[self.name].frame.detections
+        scored = range(len(boxes)) if score is None else score.scored
+        true = [False] * len(scored) if score is None else [bool(on) for on in score.match.touched]
+        tracks = self.events.take([boxes[k] for k in scored], true, frame.time_ns / NS)
+        for label, place in zip(score.labels, score.match.detection_of, strict=True) if score else ():
+            if place is not None:
+                self.switches += self._track_of.get(label.name, tracks[place]) != tracks[place]
+                self._track_of[label.name] = tracks[place]
+        return score
+
+
 class _Run:
-    """One pass over the recordings with a scorer for each preset."""
+    """One pass over the recordings with all presets."""
 
     def __init__(self, inputs: ReplayInputs, folder: Path, stack: ExitStack) -> None:
         """``stack`` closes the files of the explanations. Raises InputError: settings, allies or labels."""
         self.inputs, self.folder, self.settings = inputs, folder, inputs.settings()
-        self.first = inputs.setup.presets[0]
         grid = inputs.prior_map
-        self.label_table, self.label_topics = inputs.labels()
-        self.played = inputs.replay(self.settings, self.label_topics)
+        self.labels = inputs.labels()
+        self.played = inputs.replay(self.settings, self.labels.followed)
         self.counts = RayCounts(grid.resolution, grid.origin, (grid.height, grid.width))
-        self.newest: dict[int, Scan] = {}
+        self._newest: dict[int, Scan] = {}
         """laser -> the scan of it that was counted last"""
-        self.explainers, self.scorers = dict[str, Explainer](), dict[str, Scorer]()
-        for name, settings in self.settings.items():
-            kept = stack.enter_context(TemporaryFile())  # noqa: SIM115
-            node = self.played.nodes[name]
-            self.explainers[name] = Explainer(name, grid, node, settings, self.counts, kept)
-            self.scorers[name] = Scorer(name, self.explainers[name], settings.range_m, inputs.setup)
-        self.events = {name: Events() for name in self.settings}
-        self.tracked: dict[str, dict[str, int]] = {name: {} for name in self.settings}
-        """preset -> label -> the track that it was on last"""
-        self.switches = Counter[str]()
-        """preset -> how often a label came to another track"""
+        self.presets = {name: _Preset(name, self, stack) for name in self.settings}
 
     @contextmanager
     def writing(self, film: bool, bag: Path | None, note: Note) -> Iterator[Callable[[ReplayFrame], None]]:
         """What scores a frame and writes it to all files that are open meanwhile."""
         reach_m = 2.0 * max(settings.range_m for settings in self.settings.values())
-        scored_from_ns = self.inputs.scored_from_ns
+        scored_from_ns, first = self.inputs.scored_from_ns, next(iter(self.presets))
         with _boxes_file(self.folder) as write_boxes, ExitStack() as stack:
-            draw = self._film(stack) if film else None
+            draw = self._film(first, stack) if film else None
             as_bag = None
             if bag is not None:
                 as_bag = stack.enter_context(replay_bag(bag, self.inputs, self.played.nodes, note))
@@ -140,13 +159,12 @@ class _Run:
                 if scored_from_ns is not None and frame.time_ns < scored_from_ns:
                     return
                 self._count(frame, reach_m)
-                labels = self._labels(frame)
-                for name, scorer in self.scorers.items():
-                    frame_score = scorer.take(frame, labels)
-                    self._watch(name, frame, frame_score)
+                labels = self.labels.at(frame)
+                for name, preset in self.presets.items():
+                    frame_score = preset.take(frame, labels)
                     write_boxes(_box_rows(name, frame))
-                    if draw is not None and name == self.first:
-                        draw(frame, frame_score, scorer.score)
+                    if draw is not None and name == first:
+                        draw(frame, frame_score, preset.scorer.score)
                 if as_bag is not None:
                     as_bag.write(frame)
 
@@ -154,56 +172,33 @@ class _Run:
 
     def _count(self, frame: ReplayFrame, reach_m: float) -> None:
         for one in frame.observed:
-            if one.scan is not None and one.scan is not self.newest.get(one.robot):
-                self.newest[one.robot] = one.scan
+            if one.scan is not None and one.scan is not self._newest.get(one.robot):
+                self._newest[one.robot] = one.scan
                 with suppress(InputError):  # a pose far off any map, where there are no boxes
                     self.counts.take(one.scan, one.returns, reach_m)
 
-    def _watch(self, name: str, frame: ReplayFrame, score: FrameScore | None) -> None:
-        """Take the boxes for events; with labels, those within sector and window alone."""
-        boxes, tracked = frame.outputs[name].frame.detections, self.tracked[name]
-        scored = range(len(boxes)) if score is None else score.scored
-        true = [False] * len(scored) if score is None else [bool(on) for on in score.match.touched]
-        tracks = self.events[name].take([boxes[k] for k in scored], true, frame.time_ns / NS)
-        for label, place in zip(score.labels, score.match.detection_of, strict=True) if score else ():
-            if place is not None:
-                self.switches[name] += tracked.get(label.name, tracks[place]) != tracks[place]
-                tracked[label.name] = tracks[place]
-
-    def _film(self, stack: ExitStack) -> Callable[..., None]:
+    def _film(self, preset: str, stack: ExitStack) -> Callable[..., None]:
         from midnet_bench.workflows.replay_film import film  # drawing takes a while to import
 
-        inputs, setup, table, route = self.inputs, self.inputs.setup, self.label_table, None
-        if not setup.localize:  # corrected poses are known on the way alone
-            route = driven(Replay(inputs.recorded, inputs.robots, inputs.prior_map, {}, setup))
-        labels = len(self.label_topics)
-        if table is not None:
-            names = {one.name for there in table.by_index.values() for one in there}
-            labels = len(names | table.by_time.keys())
-        title = f"{inputs.recorded.names[0]}, preset {self.first}"
-        settings = self.settings[self.first]
-        return stack.enter_context(
-            film(title, self.first, self.played, inputs, settings, labels, self.folder, route)
-        )
-
-    def _labels(self, frame: ReplayFrame) -> Labels | None:
-        if self.label_table is not None:
-            return self.label_table.at(frame.time_ns, frame.scan_index)
-        labels = [
-            Label(plan.name, estimate.pose.x, estimate.pose.y)
-            for plan, estimate in frame.followed
-            if estimate is not None and estimate.age_s <= self.inputs.setup.max_pose_age_s
-        ]
-        return Labels(labels, []) if labels else None
+        inputs, route = self.inputs, None
+        if not inputs.setup.localize:  # corrected poses are known on the way alone
+            route = driven(Replay(inputs.recorded, inputs.robots, inputs.prior_map, {}, inputs.setup))
+        labels = self.labels.objects
+        return stack.enter_context(film(preset, self.played, inputs, labels, self.folder, route))
 
     def results(self, film: bool, faults: list[str], note: Note) -> Replayed:
         """Write errors and tables."""
-        folder, has_truth = self.folder, bool(self.inputs.setup.truth)
-        counted = _write_errors(folder / "errors.csv", self.explainers)
-        write_atomically(folder / "events.csv", event_rows(self.events, has_truth))
+        folder, presets, has_truth = self.folder, self.presets, bool(self.inputs.setup.truth)
+        scorers = {name: preset.scorer for name, preset in presets.items()}
+        events = {name: preset.events for name, preset in presets.items()}
+        counted = _write_errors(
+            folder / "errors.csv", {name: preset.explainer for name, preset in presets.items()}
+        )
+        write_atomically(folder / "events.csv", event_rows(events, has_truth))
+        switches = {name: preset.switches for name, preset in presets.items()}
         tables = [
-            *score_tables(self.scorers, has_truth),
-            event_table(self.events, self.scorers if has_truth else {}, self.switches),
+            *score_tables(scorers, has_truth),
+            event_table(events, scorers if has_truth else {}, switches),
             cause_table(counted),
         ]
         files = [folder / "boxes.csv", folder / "errors.csv", folder / "events.csv"]
@@ -215,22 +210,13 @@ class _Run:
 
     def _write_unmapped(self, note: Note) -> list[Path]:
         """What stays put and is not on the map: ``unmapped.csv``, and the map with it."""
-        prior, folder = self.played.nodes[self.first].prior, self.folder
+        prior, folder = self.played.nodes[next(iter(self.presets))].prior, self.folder
         things, patched = unmapped(self.counts, self.inputs.prior_map, prior)
         lines = [",".join(_cells(thing, 3)) for thing in (Unmapped._fields, *things)]
         write_atomically(folder / "unmapped.csv", "\n".join(lines) + "\n")
         save_map(patched, folder / "map_with_unmapped.yaml", comment="with what stays put and was not on it")
         note(f"{len(things)} things stay put and are not on the map; map_with_unmapped.yaml has them")
         return [folder / "unmapped.csv", folder / "map_with_unmapped.yaml"]
-
-
-@contextmanager
-def _added_to(faults: list[str]) -> Iterator[None]:
-    """An InputError ends the block, and is one of the faults."""
-    try:
-        yield
-    except InputError as error:
-        faults.append(str(error))
 
 
 def driven(replay: Replay) -> Box | None:

@@ -13,7 +13,6 @@ from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scen
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.inputs import ReplayInputs
-from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.scores import FrameScore, Score
 from midnet_bench.robots.model import Outline
@@ -26,23 +25,14 @@ SPEED = 1.0
 
 @contextmanager
 def film(
-    title: str,
-    preset: str,
-    replay: Replay,
-    inputs: ReplayInputs,
-    settings: ReplaySettings,
-    labels: int,
-    folder: Path,
-    driven: Box | None = None,
+    preset: str, replay: Replay, inputs: ReplayInputs, labels: int, folder: Path, driven: Box | None = None
 ) -> Iterator[Callable[[ReplayFrame, FrameScore | None, Score], None]]:
     """What appends a frame to ``trial.mp4`` and ``storyboard.png`` in a folder; they are there in the end.
 
     Args:
-        title: of the recording.
         preset: of the detector that is drawn.
         replay: that the frames are of.
         inputs: of that replay.
-        settings: of that detector.
         labels: how many objects are labelled.
         folder: where to.
         driven: the box of all the robots' positions, map frame, metres, to which pictures are cropped.
@@ -51,7 +41,8 @@ def film(
         InputError: the place cannot be written.
         MidnetBenchError: there is no room, or ffmpeg fails.
     """
-    node, prior_map = replay.nodes[preset], inputs.prior_map
+    node, prior_map, settings = replay.nodes[preset], inputs.prior_map, inputs.settings()[preset]
+    title = f"{inputs.recorded.names[0]}, preset {preset}"
     # of a recorded robot no more than its footprint is known
     model = replace(settings.robot_model, body=boxed(settings.robot_model.footprint))
     seen_m = max(settings.range_m, settings.costmap.size_m / 2.0)
@@ -150,19 +141,15 @@ def plan_of(title: str, prior_map: OccupancyGrid, shown: Box | None = None) -> F
         _, _, width, height = cv2.boundingRect(contour)
         if max(width, height) >= LEAST_WALL_CELLS and len(contour) > 1:
             walls.append(np.array(prior_map.origin) + (contour[:, 0].astype(np.float64) + 0.5) * cell_m)
-    rows, columns = np.nonzero(prior_map.data >= 0)
-    if not len(rows):
-        rows, columns = np.nonzero(np.ones_like(prior_map.data))
-    x0, y0 = prior_map.origin
+    known = prior_map.data >= 0
+    rows, columns = np.nonzero(known if known.any() else ~known)
+    (x0, y0), low, high = prior_map.origin, (columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)
     enclosure = Box(
-        x0 + float(columns.min()) * cell_m,
-        y0 + float(rows.min()) * cell_m,
-        x0 + float(columns.max() + 1) * cell_m,
-        y0 + float(rows.max() + 1) * cell_m,
+        *(x0 + float(low[0]) * cell_m, y0 + float(low[1]) * cell_m),
+        *(x0 + float(high[0]) * cell_m, y0 + float(high[1]) * cell_m),
     )
     if shown is not None:
-        (x1, y1, x2, y2), (left, low, right, high) = shown, enclosure
-        shown = Box(max(x1, left), max(y1, low), min(x2, right), min(y2, high))
-        if shown.x_min >= shown.x_max or shown.y_min >= shown.y_max:  # a drive off the map
-            shown = None
+        least, most = np.maximum(shown[:2], enclosure[:2]), np.minimum(shown[2:], enclosure[2:])
+        # none of it of a drive off the map
+        shown = Box(*least.tolist(), *most.tolist()) if (least < most).all() else None
     return FloorPlan(title, enclosure, walls, [], ground=prior_map, shown=shown)
