@@ -152,18 +152,10 @@ def unmapped(
     for blob in range(1, number):
         cells = on_map & (blobs == blob)
         rows, columns = np.nonzero(cells)
-        things.append(
-            Unmapped(
-                x0 + float(columns.min()) * cell_m,
-                y0 + float(rows.min()) * cell_m,
-                x0 + float(columns.max() + 1) * cell_m,
-                y0 + float(rows.max() + 1) * cell_m,
-                len(rows),
-                int(hits[cells].sum()),
-                began_s + float(first_s[cells].min()),
-                began_s + float(last_s[cells].max()),
-            )
-        )
+        low = x0 + float(columns.min()) * cell_m, y0 + float(rows.min()) * cell_m
+        high = x0 + float(columns.max() + 1) * cell_m, y0 + float(rows.max() + 1) * cell_m
+        seen_s = began_s + float(first_s[cells].min()), began_s + float(last_s[cells].max())
+        things.append(Unmapped(*low, *high, len(rows), int(hits[cells].sum()), *seen_s))
     return sorted(things, key=lambda thing: -thing.hits), prior_map.with_data(patched)
 
 
@@ -183,18 +175,7 @@ def count_rays(
     ends: npt.NDArray[np.int64],
     time_s: np.float32,
 ) -> None:
-    """Add one scan: a pass for each cell before an end, a hit for the end; all lie on the grid.
-
-    Args:
-        hits: (rows, columns), as are the next three.
-        passes: see above.
-        first_s: time of the first hit.
-        last_s: time of the last hit.
-        column: of the sensor's cell.
-        row: of the sensor's cell.
-        ends: (n, 2) columns and rows.
-        time_s: of the scan.
-    """
+    """Add one scan: a pass for each cell from the sensor's to one of (n, 2) ends, a hit for the end."""
     width = hits.shape[1]
     flat_hits, flat_passes = hits.reshape(-1), passes.reshape(-1)
     flat_first, flat_last = first_s.reshape(-1), last_s.reshape(-1)

@@ -138,22 +138,14 @@ class Replay:
         correctors: Sequence[Localizer] = (),
         followed: Sequence[AllyPlan] = (),
     ) -> None:
-        """Nothing is read yet.
+        """Nothing is read yet; each preset of ``settings`` gets its detector.
 
-        Args:
-            recorded: the recordings.
-            robots: each with its scans.
-            prior_map: int8, 100 occupied, map frame.
-            settings: by preset; each gets its detector.
-            setup: clock, rate, largest ages of poses, and whether motion during a scan is corrected.
-            allies: known to the detectors, with their poses.
-            correctors: of the poses, one for each robot, or none.
-            followed: intruders with recorded poses, which serve as labels; no detector knows them.
+        Poses are corrected by ``correctors``, one for each laser, or none. The detectors know the allies, and
+        not those that are followed, intruders with recorded poses that serve as labels.
         """
         self.nodes = {name: DetectorNode(one, prior_map, len(robots)) for name, one in settings.items()}
         self.robots, self.tally = list(robots), Tally()
-        self.done = 0.0
-        """share of the recordings that was read"""
+        self.done = 0.0  # share of the recordings that was read
         self._recorded, self._setup, self._correctors = recorded, setup, correctors
         self._tracks: dict[Link, PoseTrack] = {}
         names = list(dict.fromkeys(robot.carrier for robot in robots))
@@ -171,12 +163,10 @@ class Replay:
         self._period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
         self._pending: list[_Pending] = []
         self._order = itertools.count()
-        self._lag_ns = 0
-        """record time minus time of the last scan"""
+        self._lag_ns = 0  # record time minus time of the last scan
         self._now_ns: int | None = None
         self._passed_ns: int | None = None
-        self._due: int | None = None
-        """number of the next frame at a rate"""
+        self._due: int | None = None  # number of the next frame at a rate
         self._damage: InputError | None = None
 
     def _interpolator(self, chain: PoseChain) -> PoseInterpolator:

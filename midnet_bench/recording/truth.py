@@ -2,12 +2,13 @@
 
 import itertools
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.errors import InputError
@@ -68,10 +69,7 @@ class LabelTable:
                 self.by_time.setdefault(name, []).append((time_in(cells, where), x, y))
         for rows in self.by_time.values():
             rows.sort()
-        self._times = {
-            name: np.array([row[0] for row in rows], dtype=np.int64) for name, rows in self.by_time.items()
-        }
-        self._empty_ns = np.sort(np.array(empty_ns, dtype=np.int64))
+        self._empty_ns = sorted(empty_ns)
         if not (self.by_index or self.by_time or empty_ns):
             raise InputError(f"{path}: holds no label; give rows t,id,x,y or scan_index,id,x,y")
 
@@ -84,14 +82,13 @@ class LabelTable:
         if self.by_index:
             return self._at_index(time_ns, scan_index)
         found, gaps = list[Label](), list[Label]()
-        is_labelled = _has_near(self._empty_ns, time_ns)
+        first_empty = bisect_left(self._empty_ns, time_ns - SAME_NS)
+        is_labelled = any(one <= time_ns + SAME_NS for one in self._empty_ns[first_empty : first_empty + 1])
         for name, rows in self.by_time.items():
-            times = self._times[name]
-            after = int(np.searchsorted(times, time_ns))
-            near = [k for k in (after - 1, after) if 0 <= k < len(rows)]
-            nearest = min(near, key=lambda k: abs(int(times[k]) - time_ns))
-            if abs(int(times[nearest]) - time_ns) <= SAME_NS:
-                found.append(Label(name, *rows[nearest][1:]))
+            after = bisect_left(rows, time_ns, key=itemgetter(0))
+            nearest = min(rows[max(after - 1, 0) : after + 1], key=lambda row: abs(row[0] - time_ns))
+            if abs(nearest[0] - time_ns) <= SAME_NS:
+                found.append(Label(name, *nearest[1:]))
             elif 0 < after < len(rows):
                 (t0, x0, y0), (t1, x1, y1) = rows[after - 1], rows[after]
                 share = (time_ns - t0) / (t1 - t0)
@@ -116,8 +113,8 @@ class LabelTable:
         """From where to where labels go, in words."""
         if self.by_index:
             return f"scan_index {min(self.by_index)} to {max(self.by_index)}"
-        every = np.concatenate([*self._times.values(), self._empty_ns])
-        return f"t {every.min() / NS:.3f} to {every.max() / NS:.3f}"
+        every = [*self._empty_ns, *(row[0] for rows in self.by_time.values() for row in rows)]
+        return f"t {min(every) / NS:.3f} to {max(every) / NS:.3f}"
 
 
 class Truth:
@@ -151,11 +148,6 @@ class Truth:
         """What there is, for a recording of which nothing is scored."""
         held = self._table and self._table.span
         return f"its labels have {held}" if held else "no pose of it lies at a frame"
-
-
-def _has_near(times_ns: npt.NDArray[np.int64], time_ns: int) -> bool:
-    after = int(np.searchsorted(times_ns, time_ns - SAME_NS))
-    return bool(after < len(times_ns) and times_ns[after] <= time_ns + SAME_NS)
 
 
 def matched(boxes: Sequence[Box], labels: Sequence[Label], distance_m: float) -> FrameMatch:

@@ -29,13 +29,7 @@ def film(
 ) -> Iterator[Callable[[ReplayFrame, FrameScore | None, Score], None]]:
     """What appends a frame to ``trial.mp4`` and ``storyboard.png`` in a folder; they are there in the end.
 
-    Args:
-        preset: of the detector that is drawn.
-        replay: that the frames are of.
-        inputs: of that replay.
-        labels: how many objects are labelled.
-        folder: where to.
-        driven: the box of all the robots' positions, map frame, metres, to which pictures are cropped.
+    So many ``labels`` are known; pictures are cropped to ``driven``, the box of all the robots' positions.
 
     Raises:
         InputError: the place cannot be written.

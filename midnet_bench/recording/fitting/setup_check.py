@@ -95,16 +95,10 @@ class Verdict(NamedTuple):
 def verdict(
     samples: Sequence[Sample], grid: OccupancyGrid, mirrored: bool = False, delay_s: float = 0.0
 ) -> Verdict:
-    """The findings before a replay, in about a quarter of a second of CPU time.
+    """The findings before a replay, in about half a second of CPU time.
 
-    Args:
-        samples: of the whole recording; no more than ``QUICK_SAMPLES`` of them, spread evenly, are used.
-        grid: the map, int8, map frame.
-        mirrored: whether the samples' geometry is mirrored already.
-        delay_s: what the samples' times are earlier by than the stamps already.
-
-    Raises:
-        InputError: the map has no wall.
+    The samples are mirrored already, and earlier than their stamps by ``delay_s``. Raises InputError: the map
+    has no wall.
     """
     walls, chosen = Walls(grid), spread(samples, QUICK_SAMPLES)
     fit = fit_of(chosen, walls)
@@ -154,14 +148,7 @@ def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
     First one thing is changed at a time: the mount (with any turn), the same with the beams mirrored, the
     delay, the map's place; all the plane is searched for the map where none of them brings enough returns
     onto walls. Then whatever else brings ``WORTH`` more is added. Of changes that do as much, the
-    most usual one is taken and the others are in ``alike``.
-
-    Args:
-        samples: of the whole recording; at most ``FULL_SAMPLES`` are used, spread evenly.
-        grid: the map, int8, map frame.
-
-    Raises:
-        InputError: the map has no wall, or the samples have hardly a return.
+    most usual one is taken and the others are in ``alike``. Raises InputError: the map has no wall.
     """
     walls = Walls(grid)
     quick = _quick_search(Search(spread(samples, QUICK_SAMPLES), QUICK_BEAMS, walls))
