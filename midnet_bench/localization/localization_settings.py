@@ -22,10 +22,6 @@ class UkfSettings(Settings):
         source="ours: neither the paper nor TurtleBot3 gives one",
     )
     imu_yaw_rate_variance: float = 1e-6  # our choice; neither the paper nor TurtleBot3 gives one
-    alpha: float = 1.0
-    """Spread of the sigma points. robot_localization's 0.001 puts a weight of about -1e6 on the centre point;
-    with 1 no weight is negative, so a predicted covariance cannot lose its definiteness, and the estimates
-    are the same to far below a millimetre."""
 
     def suited_to(self, source: Literal["world", "encoder"]) -> "UkfSettings":
         """These settings for odometry of that source.

@@ -22,19 +22,15 @@ MIN_SHARE, MIN_SHARE_RECORDED = 0.5, 0.3
 CORRELATED_BEAMS = 10.0  # So many beams of a wall count as one.
 UNSEEN_DEVIATION = 1.0  # Standard deviation, metres and radians, of what no beam constrains.
 WIDE_M, NARROW_M = 0.15, 0.04
-"""Distance to a wall at which a beam counts a quarter: at first, and, after halvings, in the end.
-
-It does not end below one cell: a wall is not known better than that.
-"""
+"""Distance to a wall at which a beam counts a quarter: at first, and, after halvings, in the end, but no less
+than one cell: a wall is not known better than that."""
 GATE = 3.0
 """A beam that ends this many such distances from any wall has met something that the map does not have."""
 MAX_ROUNDS = 20
 SETTLED_STEP = 1e-4  # metres and radians: a shorter last step ends the search
 MIN_INFORMATION = 0.05
-"""A direction that no larger share of the beams on walls constrains counts as unseen.
-
-Along a corridor whose map is bumpy some beams always do, and would hold the robot to the same bumps.
-"""
+"""A direction that no larger share of the beams on walls constrains counts as unseen: along a corridor whose
+map is bumpy some beams always do, and would hold the robot to the same bumps."""
 
 
 class NormalEquations(NamedTuple):
@@ -51,15 +47,13 @@ class ScanToMap:
 
     Gauss-Newton on the distance from each beam's end to the nearest wall face, negative behind it, read
     between the centres of the map's cells. The Geman-McClure weights start wide and narrow down, so that
-    beams which met a robot or an intruder lose their weight.
-
-    Errors of consecutive scans are correlated, as they meet the same cells. So the covariance is inflated:
-    a wall's beams count as few, and no number of them makes a pose surer than a wall's place within its cell,
-    or a heading surer than that place at the beams' reach, however often the filter takes such a match.
+    beams which met a robot or an intruder lose their weight. Errors of consecutive scans are correlated, as
+    they meet the same cells, so the covariance is inflated: no number of beams makes a pose surer than a
+    wall's place within its cell, however often the filter takes such a match.
     """
 
     def __init__(self, prior_map: OccupancyGrid, min_share: float = MIN_SHARE) -> None:
-        """``prior_map`` int8 (100 occupied, 0 free, -1 unknown), map frame; exact or explored."""
+        """``prior_map``: int8 (100 occupied, 0 free, -1 unknown), map frame; exact or explored."""
         self._min_share = min_share
         # Around an explored map, whose outer walls are its last cells, beams end a little outside.
         margin = math.ceil(GATE * WIDE_M / prior_map.resolution) + 1
@@ -80,14 +74,9 @@ class ScanToMap:
     ) -> tuple[Pose2D, FloatArray] | None:
         """The robot's pose by its scan, and the (3, 3) covariance of x, y, yaw; None if too little fits.
 
-        The covariance is positive definite, metres and radians squared. It is wider than the fit alone
-        would have it, and about a metre along a corridor with no end in sight.
-
-        Args:
-            pose: where the robot believes it is, map frame; off by at most about 0.2 m and 6 degrees, and
-                towards a wall by half its thickness if no other one can tell: beyond, its far side is nearer.
-            ranges_m: (beams,) metres; beams outside the sensor's limits, inf or NaN are left out.
-            geometry: of the beams, with the sensor's mount on the robot.
+        ``pose``: the believed one, map frame, off by at most about 0.2 m and 6 degrees; ``ranges_m``:
+        (beams,), where those outside the sensor's limits, inf or NaN are left out. The covariance is positive
+        definite, metres and radians squared, and about a metre along a corridor with no end in sight.
         """
         returned = (ranges_m > geometry.range_min_m) & (ranges_m < geometry.range_max_m)
         ends = ranges_m[returned, None] * _directions(geometry)[returned] + geometry.mount[:2]
@@ -116,11 +105,8 @@ def fit(
 ) -> tuple[FloatArray, NormalEquations]:
     """(pose, terms) where a scan lies best on the wall faces, found from ``start``.
 
-    Args:
-        distances_m: (rows, columns) of cell centres to the nearest face, negative behind it, NaN unknown.
-        cell_m: side of a cell.
-        ends: (B, 2) float64 ends of the beams, robot frame, metres.
-        start: (3,) pose; x, y in metres from the centre of cell (0, 0), as is the pose that is returned.
+    ``distances_m``: (rows, columns) of cell centres to the nearest face, negative behind it, NaN unknown;
+    ``ends``: (B, 2) of the beams, robot frame. Poses are (3,), x, y in metres from cell (0, 0)'s centre.
     """
     narrow_m = max(NARROW_M, cell_m)
     pose = start.copy()
@@ -208,8 +194,7 @@ def _step(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
         for i in range(k + 1, 3):
             factor = left[i, k] / left[k, k]
             step[i] -= factor * step[k]
-            for j in range(k, 3):
-                left[i, j] -= factor * left[k, j]
+            left[i, k:] -= factor * left[k, k:]
     for k in range(2, -1, -1):
         for j in range(k + 1, 3):
             step[k] -= left[k, j] * step[j]
@@ -223,13 +208,11 @@ def _inverse(matrix: FloatArray) -> FloatArray:
     left, found = matrix.copy(), np.eye(3)
     for k in range(3):
         pivot = left[k, k]
-        for j in range(3):
-            left[k, j] /= pivot
-            found[k, j] /= pivot
+        left[k] /= pivot
+        found[k] /= pivot
         for i in range(3):
-            factor = left[i, k]
             if i != k:
-                for j in range(3):
-                    left[i, j] -= factor * left[k, j]
-                    found[i, j] -= factor * found[k, j]
+                factor = left[i, k]
+                left[i] -= factor * left[k]
+                found[i] -= factor * found[k]
     return found
