@@ -12,12 +12,7 @@ from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
 from midnet_bench.navigation.global_planner import potential_to
-from midnet_bench.navigation.navigation_settings import (
-    CostmapSettings,
-    NavigatorSettings,
-    burger_global,
-    burger_local,
-)
+from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, CostmapSettings, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator, compile_kernels
 from midnet_bench.robots.burger import LDS_01
 
@@ -66,7 +61,7 @@ def main() -> None:
     poses = [Pose2D(0.02 * i, -0.011 * i, 0.02 * i) for i in range(100)]
     seen = scans(poses)
 
-    for name, settings in (("100 x 100", CostmapSettings()), ("60 x 60", burger_local())):
+    for name, settings in (("100 x 100", CostmapSettings()), ("60 x 60", BURGER_COSTMAP)):
         costmap = RollingCostmap(settings, (-4.0, -4.0))
 
         def take(i: int, costmap: RollingCostmap = costmap) -> None:
@@ -76,7 +71,7 @@ def main() -> None:
         print(f"{median_us(take, 100):8.0f}  scan into a rolling costmap of {name}, inflated and published")
 
     for cells in (160, 480):
-        whole = GlobalCostmap(burger_global(), comb(cells))
+        whole = GlobalCostmap(BURGER_COSTMAP, comb(cells))
         costs = OccupancyGrid(whole.costs, 0.05, (0.0, 0.0))
         far = (cells * 0.05 - 1.0, cells * 0.05 - 1.0)
         wave = median_us(lambda i, c=costs: potential_to((1.0, 1.0), c), 15)

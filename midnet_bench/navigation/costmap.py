@@ -1,7 +1,4 @@
-"""costmap_2d: obstacles by scans, inflation, and the rolling and global costmaps made of them.
-
-Costs and their published values first, then the costmaps, last the compiled loops.
-"""
+"""costmap_2d: obstacles by scans, inflation, and the rolling and global costmaps made of them."""
 
 import math
 from abc import ABC, abstractmethod
@@ -27,27 +24,23 @@ INSCRIBED = 253  # the robot's centre here means contact, whatever its heading
 LETHAL = 254  # an obstacle is in this cell
 NO_INFORMATION = 255
 
-
-def corner_array(footprint: Footprint) -> Floats:
-    """(N, 2) float64 corners, metres."""
-    return np.array(footprint, dtype=np.float64).reshape(-1, 2)
-
-
-def _published_values() -> npt.NDArray[np.int8]:
-    table = np.zeros(256, dtype=np.int8)
-    graded = np.arange(1, INSCRIBED)
-    table[graded] = 1 + 97 * (graded - 1) // 251
-    table[INSCRIBED:] = 99, OCCUPIED, UNKNOWN
-    return table
-
-
-PUBLISHED = _published_values()
+PUBLISHED = np.array([0, *(1 + 97 * np.arange(252) // 251), 99, OCCUPIED, UNKNOWN], dtype=np.int8)
 """(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
 
 
 def published(costs: Cells) -> npt.NDArray[np.int8]:
     """(H, W) int8 occupancy values of a costmap, as costmap_2d publishes them."""
     return np.asarray(cv2.LUT(costs, PUBLISHED), dtype=np.int8)
+
+
+def corner_array(footprint: Footprint) -> Floats:
+    """(N, 2) float64 corners, metres."""
+    return np.array(footprint, dtype=np.float64).reshape(-1, 2)
+
+
+def reach_cells(radius_m: float, resolution: float) -> int:
+    """A length as whole cells, rounded up, at least 0: how costmap_2d turns radii and ranges into cells."""
+    return max(0, math.ceil(round(radius_m / resolution, 9)))
 
 
 def inflation_costs(
@@ -63,11 +56,6 @@ def inflation_costs(
     costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
     costs[0] = LETHAL
     return costs
-
-
-def reach_cells(radius_m: float, resolution: float) -> int:
-    """A length as whole cells, rounded up, at least 0: how costmap_2d turns radii and ranges into cells."""
-    return max(0, math.ceil(round(radius_m / resolution, 9)))
 
 
 class Inflation:
@@ -102,8 +90,7 @@ class Costmap(ABC):
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
         self.marks: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
         """(H, W) uint8: free (0), an obstacle (254) or unseen (255)"""
-        self.remembers_for_ever = math.isinf(settings.memory_s)
-        """whether a mark stays until a beam passes it, however old it is"""
+        self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
         cleared = settings.footprint if settings.footprint_clearing else ()
         self._footprint_cells = corner_array(cleared) / settings.resolution
@@ -130,13 +117,8 @@ class Costmap(ABC):
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """A point in cells from the lower-left corner, not rounded."""
-        column, row = self.to_lattice(x, y)
-        return column - self.column, row - self.row
-
-    def to_lattice(self, x: float, y: float) -> tuple[float, float]:
-        """A point in cells from the lattice's origin, not rounded."""
-        resolution = self.settings.resolution
-        return (x - self.lattice_origin[0]) / resolution, (y - self.lattice_origin[1]) / resolution
+        left, bottom, resolution = self._lattice
+        return (x - left) / resolution - self.column, (y - bottom) / resolution - self.row
 
     def update(
         self, pose: Pose2D, sensor_pose: Pose2D, ranges_m: Floats, geometry: LidarGeometry, time_s: float
@@ -155,7 +137,7 @@ class Costmap(ABC):
             raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
         settings = self.settings
         self._follow(pose)
-        if not self.remembers_for_ever:
+        if not self._remembers_for_ever:
             if settings.memory_s == 0.0:
                 self.marks.fill(self._unseen)
             is_old = self._marked_at_s < time_s - settings.memory_s
@@ -176,7 +158,7 @@ class Costmap(ABC):
             self._footprint_cells,
             self._marked,
         )
-        if not self.remembers_for_ever:
+        if not self._remembers_for_ever:
             self._marked_at_s.reshape(-1)[self._marked[:count]] = time_s
         self._invalidate(sensor_pose)
 
@@ -201,21 +183,31 @@ class Costmap(ABC):
 
     def _move_to(self, column: int, row: int, width: int, height: int) -> None:
         """Cover another rectangle of the lattice; what leaves is forgotten, what enters is unseen."""
-        by = column - self.column, row - self.row
-        if by == (0, 0) and self.marks.shape == (height, width):
+        right, up = column - self.column, row - self.row
+        if (right, up) == (0, 0) and self.marks.shape == (height, width):
             return
-        self.marks = _moved(self.marks, *by, width, height, self._unseen)
-        if not self.remembers_for_ever:
-            self._marked_at_s = _moved(self._marked_at_s, *by, width, height, -math.inf)
+        self.marks = _moved(self.marks, right, up, width, height, self._unseen)
+        if not self._remembers_for_ever:
+            self._marked_at_s = _moved(self._marked_at_s, right, up, width, height, -math.inf)
         self.column, self.row = column, row
 
-    @abstractmethod
-    def _follow(self, pose: Pose2D) -> None:
+    def _follow(self, pose: Pose2D) -> None:  # noqa: B027  (a whole map stays)
         """Move the costmap to the robot, if it is a window."""
 
     @abstractmethod
     def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
         """Have the costs computed anew: all of them, or those that a scan from ``sensor_pose`` reaches."""
+
+
+def _moved(
+    old: npt.NDArray[Any], right: int, up: int, width: int, height: int, unseen: float
+) -> npt.NDArray[Any]:
+    """(height, width): what ``old`` holds from column ``right``, row ``up`` on, and ``unseen`` beyond it."""
+    kept = old[max(up, 0) : max(up + height, 0), max(right, 0) : max(right + width, 0)]
+    x, y = max(-right, 0), max(-up, 0)
+    new = np.full((height, width), unseen, dtype=old.dtype)
+    new[y : y + kept.shape[0], x : x + kept.shape[1]] = kept
+    return new
 
 
 class RollingCostmap(Costmap):
@@ -241,7 +233,8 @@ class RollingCostmap(Costmap):
 
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)
-        x, y = self.to_lattice(pose.x, pose.y)
+        left, bottom, resolution = self._lattice
+        x, y = (pose.x - left) / resolution, (pose.y - bottom) / resolution
         if self.settings.centered:
             column, row = math.floor(x) - n // 2, math.floor(y) - n // 2
         else:
@@ -265,7 +258,7 @@ class GlobalCostmap(Costmap):
         farthest_m = max(settings.raytrace_range_m, settings.obstacle_range_m)
         self._scan_cells = 1 + reach_cells(farthest_m, settings.resolution)
         self.set_static(static_map)
-        self._touched = (0, 0, 0, 0)  # without any obstacle the costs are the static ones
+        self._touched = None  # without any obstacle the costs are the static ones
 
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Put another static map (int8, -1 to 100) below the obstacles; marks stay where they are.
@@ -280,48 +273,48 @@ class GlobalCostmap(Costmap):
             )
         x, y = self.to_cells(*static_map.origin)
         self._move_to(self.column + round(x), self.row + round(y), static_map.width, static_map.height)
-        cells = _int8(static_map).tobytes()
-        self.static, self.static_costs = _static_costs(cells, static_map.data.shape, self.settings)
+        data = static_map.data
+        self.static, self.static_costs = _static_costs(
+            data.tobytes(), data.dtype.str, data.shape, self.settings
+        )
         """what the costs would be without any obstacle"""
         self._costs = self.static_costs.copy()
-        self._touched = (0, 0, static_map.width, static_map.height)
+        self._touched: tuple[int, int, int, int] | None = (0, 0, static_map.width, static_map.height)
 
     @property
     def costs(self) -> Cells:
         """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
-        x0, y0, x1, y1 = self._touched
-        if x0 < x1 and y0 < y1:
+        if self._touched is not None:
             reach = self._inflated.reach
-            outer = self._clipped(x0 - 2 * reach, y0 - 2 * reach, x1 + 2 * reach, y1 + 2 * reach)
-            inner = self._clipped(x0 - reach, y0 - reach, x1 + reach, y1 + reach)
-            costs = self._inflated(combined(self.static[_box(outer)], self.marks[_box(outer)]))
-            dx, dy = inner[0] - outer[0], inner[1] - outer[1]
-            self._costs[_box(inner)] = costs[dy : dy + inner[3] - inner[1], dx : dx + inner[2] - inner[0]]
-            self._touched = (0, 0, 0, 0)
+            outer, inner = self._near_touched(2 * reach), self._near_touched(reach)
+            costs = self._inflated(combined(self.static[outer], self.marks[outer]))
+            old = self._costs[inner]
+            y, x = (within.start - around.start for within, around in zip(inner, outer, strict=True))
+            old[:] = costs[y : y + old.shape[0], x : x + old.shape[1]]
+            self._touched = None
         return self._costs
 
     def is_open_between(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
         """Whether no wall of the static map crosses the straight line between two points of it, metres."""
         return bool(is_open_line(self.static, *self.to_cells(*start), *self.to_cells(*end)))
 
-    def _follow(self, pose: Pose2D) -> None:
-        """The costmap of a whole map stays."""
-
     def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
-        box = (0, 0, self.static.shape[1], self.static.shape[0])
-        if sensor_pose is not None and self.remembers_for_ever:
+        height, width = self.static.shape
+        box = (0, 0, width, height)
+        if sensor_pose is not None and self._remembers_for_ever:
             column, row = map(math.floor, self.to_cells(sensor_pose.x, sensor_pose.y))
             reach = self._scan_cells
-            box = self._clipped(column - reach, row - reach, column + reach + 1, row + reach + 1)
-        old = self._touched
-        if old[0] < old[2] and old[1] < old[3]:
-            box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
-        self._touched = box
+            box = (column - reach, row - reach, column + reach + 1, row + reach + 1)
+        old = self._touched or box
+        self._touched = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
 
-    def _clipped(self, x0: int, y0: int, x1: int, y1: int) -> tuple[int, int, int, int]:
-        height, width = self.static.shape
-        x0, x1 = min(max(x0, 0), width), min(max(x1, 0), width)
-        return x0, min(max(y0, 0), height), x1, min(max(y1, 0), height)
+    def _near_touched(self, margin: int) -> tuple[slice, slice]:
+        """The cells that scans have touched since the newest inflation and ``margin`` cells round them."""
+        x0, y0, x1, y1 = self._touched or (0, 0, 0, 0)
+        return (
+            slice(max(y0 - margin, 0), max(y1 + margin, 0)),
+            slice(max(x0 - margin, 0), max(x1 + margin, 0)),
+        )
 
 
 def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
@@ -331,23 +324,21 @@ def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
     ``track_unknown`` serves all layers, where costmap_2d has one per layer and lets an obstacle layer that
     does not track wipe out the static layer's unknown cells.
     """
-    values = _int8(static_map)
+    values = static_map.data
+    if values.dtype != np.int8:
+        raise ValueError(f"a static map holds int8 occupancy (-1 to 100), got {values.dtype}")
     layer = np.where(values >= OCCUPIED, np.uint8(LETHAL), np.uint8(FREE_SPACE))
     if track_unknown:
         layer[values < 0] = NO_INFORMATION
     return layer
 
 
-def _int8(static_map: OccupancyGrid) -> npt.NDArray[np.int8]:
-    if static_map.data.dtype != np.int8:
-        raise ValueError(f"a static map holds int8 occupancy (-1 to 100), got {static_map.data.dtype}")
-    return static_map.data
-
-
 @lru_cache(maxsize=8)
-def _static_costs(cells: bytes, shape: tuple[int, int], settings: CostmapSettings) -> tuple[Cells, Cells]:
+def _static_costs(
+    cells: bytes, dtype: str, shape: tuple[int, int], settings: CostmapSettings
+) -> tuple[Cells, Cells]:
     """Two of ``shape``, read-only: a map's static layer and its inflation, the same for a whole team."""
-    data = np.frombuffer(cells, dtype=np.int8).reshape(shape)
+    data = np.frombuffer(cells, dtype=dtype).reshape(shape)
     layer = static_layer(OccupancyGrid(data, settings.resolution, (0.0, 0.0)), settings.track_unknown)
     costs = Inflation(settings)(layer)
     layer.flags.writeable = costs.flags.writeable = False
@@ -360,30 +351,11 @@ def static_costs(static_map: OccupancyGrid, settings: CostmapSettings) -> Occupa
     return static_map.with_data(published(costs))
 
 
-def _box(bounds: tuple[int, int, int, int]) -> tuple[slice, slice]:
-    x0, y0, x1, y1 = bounds
-    return slice(y0, y1), slice(x0, x1)
-
-
-@njit
-def _moved(
-    old: npt.NDArray[Any], columns: int, rows: int, width: int, height: int, unseen: float
-) -> npt.NDArray[Any]:
-    """(height, width): what ``old`` holds from (columns, rows) on, and ``unseen`` beyond it."""
-    new = np.full((height, width), unseen, dtype=old.dtype)
-    x0, x1 = max(columns, 0), min(columns + width, old.shape[1])
-    for y in range(max(rows, 0), min(rows + height, old.shape[0])):
-        for x in range(x0, x1):
-            new[y - rows, x - columns] = old[y, x]
-    return new
-
-
 @njit
 def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
-    """(steps along the dominant axis, steps along the other, flat index step of each) of a grid line.
+    """(steps along the dominant axis, steps along the other, flat index step of each) of Bresenham's line.
 
-    The line is Bresenham's; x dominates ties. ``next_cell`` walks it, with an
-    error that starts at half the dominant count.
+    x dominates ties. ``next_cell`` walks the line, with an error that starts at half the dominant count.
     """
     step_x = 1 if dx > 0 else -1
     step_y = width if dy > 0 else -width
@@ -406,8 +378,7 @@ def next_cell(index: int, error: int, line: tuple[int, int, int, int]) -> tuple[
 def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_cells: int) -> None:
     """Set the cells from (x0, y0) towards (x1, y1) free, both ends too, ``max_cells`` (Euclidean) at most.
 
-    ``flat``: the cells of a grid of ``width`` columns, row by row: a view that takes longer to make than a
-    line.
+    ``flat``: the cells of a grid of ``width`` columns, row by row.
     """
     major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
     steps = major
@@ -416,11 +387,8 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
     # counted from -major, so that a step aside is due when it comes to 0
     error = major // 2 - major
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
-    index, along, both = (
-        np.uint64(y0 * width + x0),
-        np.uint64(np.int64(major_step)),
-        np.uint64(np.int64(major_step + minor_step)),
-    )
+    index = np.uint64(y0 * width + x0)
+    along, both = np.uint64(np.int64(major_step)), np.uint64(np.int64(major_step + minor_step))
     for _ in range(steps + 1):
         flat[index] = FREE_SPACE
         # no branch, which the processor would guess wrong half the time, and both outcomes at once
@@ -431,10 +399,7 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
 
 @njit
 def is_open_line(cells: Cells, x0: float, y0: float, x1: float, y1: float) -> bool:
-    """Whether no cell from (x0, y0) to (x1, y1), in cells from the lower-left corner, is lethal.
-
-    Both ends count. Nothing is open to a point off the grid.
-    """
+    """Whether no cell from (x0, y0) to (x1, y1), both ends too, is lethal; never to a point off the grid."""
     height, width = cells.shape
     if not (0.0 <= x0 < width and 0.0 <= y0 < height and 0.0 <= x1 < width and 0.0 <= y1 < height):
         return False
@@ -510,12 +475,12 @@ def integrate_scan(
     """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
 
     ``lattice``: x, y of its origin and the side of a cell, metres; ``corner``: column and row on it of the
-    grid's lower-left corner. ``sensor``: its pose, x, y in metres, yaw in radians. ``ranges``: (B,) metres;
+    grid's lower-left corner. ``sensor`` and ``base``: poses of LiDAR and robot. ``ranges``: (B,) metres;
     ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. ``range_limits``: least and
     largest range and the obstacle range, metres. A range outside [least, largest) neither clears nor marks,
     except that +inf clears under ``inf_is_valid``. A hit at the obstacle range exactly is not marked.
-    ``base``: as ``sensor``, where the robot stands; ``footprint``: (N, 2) cells, its corners in its base
-    frame; empty to clear none. ``marked``: (B,), takes the flat indices of the marked cells.
+    ``footprint``: (N, 2) cells, corners in the base frame; empty to clear none. ``marked``: (B,), takes the
+    flat indices of the marked cells.
     """
     height, width = cells.shape
     flat = cells.reshape(-1)

@@ -1,7 +1,4 @@
-"""The global plan to one goal: navfn's potential and the paths down it, computed anew only when need be.
-
-``GlobalPlanner`` decides when a potential is needed; then come the potential and the compiled loops.
-"""
+"""The global plan to one goal: navfn's potential and the paths down it, computed anew only when need be."""
 
 import math
 from dataclasses import dataclass
@@ -25,7 +22,7 @@ from midnet_bench.navigation.costmap import (
     reach_cells,
 )
 from midnet_bench.navigation.local_planner import Plan
-from midnet_bench.navigation.navigation_settings import CostmapSettings, radii
+from midnet_bench.navigation.navigation_settings import radii
 
 Potentials = npt.NDArray[np.float32]
 
@@ -36,9 +33,7 @@ BLOCKED = 254  # traversal cost of a cell that the wave does not enter
 
 _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
-
-_REPLAN_PERIOD_S = 1.0
-"""Least time between two potentials: move_base plans from the costs each time, which takes time."""
+_REPLAN_PERIOD_S = 1.0  # Least time between two potentials.
 _CHANGE_RADIUS_M = 0.3  # An obstacle so near to the plan that comes or goes calls for another potential.
 _POCKET_M2 = 1.0  # A goal from which the potential reaches less floor than this is closed in.
 
@@ -49,14 +44,19 @@ class GlobalPlanner:
     One potential serves until there is a reason for another: none yet, no way down from where the robot is,
     or an obstacle that came or went near the plan ahead, away from the walls of the static map (whose noise
     changes all the time and never matters). So a robot has a plan from where it is at planner rate, as under
-    move_base, at the price of a trace each time and a potential once in several seconds.
+    move_base, at the price of a trace each time and a potential once in several seconds. For that the
+    wave starts at the goal, where navfn's starts at the robot.
     """
 
     def __init__(self, costmap: GlobalCostmap, goal_tolerance_m: float) -> None:
         self._costmap = costmap
         self._goal_tolerance_m = goal_tolerance_m
         self._change_cells = reach_cells(_CHANGE_RADIUS_M, costmap.settings.resolution)
-        self._tight_cost = _cost_at(costmap.settings, radii(costmap.settings.footprint)[1])
+        s = costmap.settings
+        tight = reach_cells(radii(s.footprint)[1], s.resolution)
+        costs = inflation_costs(tight, s.resolution, s.inscribed_radius_m, s.cost_scaling_factor)
+        self._tight_cost = max(1, int(costs[-1]))
+        """the inflated cost at about the circumscribed radius from an obstacle"""
         self._potential: Potential | None = None
         self._obstacles_then = costmap.marks
         self._computed_at_s: float | None = None
@@ -130,39 +130,17 @@ class GlobalPlanner:
         return bool(reached * cell_m * cell_m < _POCKET_M2)
 
     def _changed_near(self, path: Plan) -> bool:
-        now, then = self._costmap.marks, self._obstacles_then
-        if now.shape != then.shape:
+        costmap, then = self._costmap, self._obstacles_then
+        if costmap.marks.shape != then.shape:
             return True
-        return bool(
-            changed_near(
-                now,
-                then,
-                self._costmap.static_costs,
-                path,
-                self._costmap.origin,
-                self._costmap.settings.resolution,
-                self._change_cells,
-            )
-        )
-
-
-def _cost_at(settings: CostmapSettings, distance_m: float) -> int:
-    """The inflated cost at about a distance from an obstacle."""
-    cells = reach_cells(distance_m, settings.resolution)
-    table = inflation_costs(
-        cells, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
-    )
-    return max(1, int(table[-1]))
+        place = costmap.origin, costmap.settings.resolution
+        near = changed_near(costmap.marks, then, costmap.static_costs, path, *place, self._change_cells)
+        return bool(near)
 
 
 @dataclass(frozen=True, eq=False)
 class Potential:
-    """The cost of the way to ``goal`` from every cell that matters.
-
-    navfn sends its wave from the robot and traces back from the goal, anew for every plan. Here the wave
-    starts at the goal, so that one potential serves every later position of the robot for as long as the
-    costs hold: planning again is only tracing again, which has the effect of planning at that rate.
-    """
+    """The cost of the way to ``goal`` from every cell that matters."""
 
     values: Potentials  # (H, W), 1e10 where the wave did not come
     resolution: float
@@ -178,16 +156,8 @@ class Potential:
         is None rather than a stump, its length is bounded by the map's area rather than by 4 widths, and
         where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
         """
-        points, found = path_down(
-            self.values,
-            (x, y),
-            self.origin,
-            self.resolution,
-            self.goal,
-            self.settled_below,
-            _ESCAPE_CELLS,
-            until_m,
-        )
+        place = self.origin, self.resolution
+        points, found = path_down(self.values, (x, y), self.goal, *place, self.settled_below, until_m)
         return np.asarray(points) if found else None
 
 
@@ -235,22 +205,18 @@ def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple
     return int(columns[nearest]) + x0, int(rows[nearest]) + y0
 
 
+_TRAVERSAL = np.full(256, BLOCKED, dtype=np.uint8)
+"""(256,) what a cell of each cost takes to traverse"""
+_TRAVERSAL[:INSCRIBED] = NEUTRAL + 4 * np.arange(INSCRIBED) // 5
+_TRAVERSAL[NO_INFORMATION] = UNSEEN  # navfn, allow_unknown
+
+
 def traversal_costs(costs: Cells) -> Cells:
     """(H, W) uint8 cost of entering each cell: 50 to 251, 254 where blocked, as the outer ring is."""
     traversal = np.asarray(cv2.LUT(costs, _TRAVERSAL), dtype=np.uint8)
     traversal[0] = traversal[-1] = BLOCKED
     traversal[:, 0] = traversal[:, -1] = BLOCKED
     return traversal
-
-
-def _traversal_table() -> Cells:
-    cost = np.arange(256)
-    table = np.where(cost < INSCRIBED, NEUTRAL + 4 * cost // 5, BLOCKED).astype(np.uint8)
-    table[NO_INFORMATION] = UNSEEN  # navfn, allow_unknown
-    return table
-
-
-_TRAVERSAL = _traversal_table()
 
 
 @njit
@@ -266,14 +232,9 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
     cost = traversal.reshape(-1)
     potential = np.full(cost.size, UNREACHED, dtype=np.float32)
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
-    left, right, down, up = (
-        np.uint32(np.int64(-1)),
-        np.uint32(1),
-        np.uint32(np.int64(-width)),
-        np.uint32(width),
-    )
-    # what a cell costs to enter, or BLOCKED while it waits its turn already
-    entry = cost.copy()
+    left, right = np.uint32(np.int64(-1)), np.uint32(1)
+    down, up = np.uint32(np.int64(-width)), np.uint32(width)
+    entry = cost.copy()  # what a cell costs to enter, or BLOCKED while it waits its turn already
     # one more than there are cells: what is not queued is written too, behind the last
     current = np.empty(cost.size + 1, dtype=np.uint32)
     following = np.empty(cost.size + 1, dtype=np.uint32)
@@ -293,14 +254,10 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
         for i in range(n_current):
             cell = current[i]
             h = np.float32(cost[cell])
-            beside = (
-                np.uint32(cell + left),
-                np.uint32(cell + right),
-                np.uint32(cell + down),
-                np.uint32(cell + up),
-            )
-            a = min(potential[beside[0]], potential[beside[1]])
-            b = min(potential[beside[2]], potential[beside[3]])
+            west, east = np.uint32(cell + left), np.uint32(cell + right)
+            south, north = np.uint32(cell + down), np.uint32(cell + up)
+            a = min(potential[west], potential[east])
+            b = min(potential[south], potential[north])
             x = np.float32(abs(a - b) / h)
             rise = h * (np.float32(0.7040) + x * (np.float32(0.5307) - np.float32(0.2301) * x))
             value = np.float32(min(a, b) + (h if x >= np.float32(1.0) else rise))
@@ -311,7 +268,7 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
             # which the processor would guess wrong half the time.
             is_in_band = value < threshold
             queue, end = (following, n_following) if is_in_band else (overflow, n_overflow)
-            for other in beside:
+            for other in (west, east, south, north):
                 dear = entry[other]
                 stays = (dear < BLOCKED) & (
                     potential[other] > value + np.float32(0.70710678) * np.float32(dear)
@@ -338,101 +295,58 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
 def path_down(
     potential: Potentials,
     start: tuple[float, float],
+    goal: tuple[float, float],
     origin: tuple[float, float],
     resolution: float,
-    goal: tuple[float, float],
     settled_below: float,
-    escape_cells: int,
     until_m: float,
 ) -> tuple[Floats, bool]:
     """(N, 2) points in metres from ``start`` to ``goal`` or to the first one farther than ``until_m``.
 
     Beside it whether there is such a way; there is none from off the map, nor from where the wave was cut off
     (``settled_below``), whence it might be a detour.
+
+    Steps are half a cell along the bilinearly interpolated descent; where a potential is missing around the
+    point, or the descent vanishes or swings to and fro, the step goes to the lowest neighbour instead. A
+    start without any potential around it is first moved to the lowest cell within ``_ESCAPE_CELLS``.
     """
     height, width = potential.shape
-    column = (start[0] - origin[0]) / resolution - 0.5
-    row = (start[1] - origin[1]) / resolution - 0.5
-    nowhere = np.empty((0, 2), dtype=np.float64)
-    if not (-0.5 <= column < width - 0.5 and -0.5 <= row < height - 0.5):
-        return nowhere, False
-    cells, found = gradient_path(potential, (column, row), escape_cells, until_m / resolution)
-    if not found:
-        return nowhere, False
-    first = cells[min(1, len(cells) - 1)]
-    if potential[round(first[1]), round(first[0])] >= settled_below:
-        return nowhere, False
-    points = np.empty((len(cells) + 1, 2), dtype=np.float64)
-    for i in range(len(cells)):
-        points[i, 0] = (cells[i, 0] + 0.5) * resolution + origin[0]
-        points[i, 1] = (cells[i, 1] + 0.5) * resolution + origin[1]
-    if hypot(points[-2, 0] - start[0], points[-2, 1] - start[1]) > until_m:
-        return points[:-1], True
-    points[-1, 0], points[-1, 1] = goal
-    return points, True
-
-
-@njit
-def gradient_path(
-    potential: Potentials, start: tuple[float, float], escape_cells: int, until_cells: float
-) -> tuple[Floats, bool]:
-    """(N, 2) points from ``start`` down to next to the goal, and whether the way down was found.
-
-    Coordinates are in cells with cell centres at whole numbers. Steps are half a cell along the bilinearly
-    interpolated descent; where a potential is missing around the point, or the descent vanishes or swings
-    to and fro, the step goes to the lowest neighbour instead. A start without any potential around it is
-    first moved to the lowest cell within ``escape_cells``. Ends early, successfully, with the first point
-    farther than ``until_cells`` from the start.
-    """
-    height, width = potential.shape
+    # in cells, with cell centres at whole numbers
+    start_x = (start[0] - origin[0]) / resolution - 0.5
+    start_y = (start[1] - origin[1]) / resolution - 0.5
     limit = height * width // 2 + 2
-    points = np.empty((limit, 2), dtype=np.float64)
-    x, y = math.floor(start[0]), math.floor(start[1])
-    offset_x, offset_y = start[0] - x, start[1] - y
-    search = 1
-    count = 0
-    # Steps are half a cell: what is known of a point's four cells often serves the next one too.
-    known_x, known_y, complete = -1, -1, False
-    ax, ay, bx, by, cx, cy, dx, dy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    points = np.empty((limit + 1, 2), dtype=np.float64)
+    if not (-0.5 <= start_x < width - 0.5 and -0.5 <= start_y < height - 0.5):
+        return points[:0].copy(), False
+    x, y = math.floor(start_x), math.floor(start_y)
+    offset_x, offset_y = start_x - x, start_y - y
+    search, count, found = 1, 0, False
     while count < limit:
         if not (1 <= x <= width - 2 and 1 <= y <= height - 2):
             # The outermost ring never carries a potential.
             if count == 0:
-                points[0, 0], points[0, 1] = start
+                points[0, 0], points[0, 1] = start_x, start_y
                 count = 1
             x = min(max(x + (offset_x >= 0.5), 1), width - 2)
             y = min(max(y + (offset_y >= 0.5), 1), height - 2)
             offset_x, offset_y = 0.0, 0.0
         points[count, 0], points[count, 1] = x + offset_x, y + offset_y
         count += 1
-        if hypot(x + offset_x - start[0], y + offset_y - start[1]) > until_cells:
-            return points[:count].copy(), True
         near_x, near_y = x + (offset_x >= 0.5), y + (offset_y >= 0.5)
-        if potential[near_y, near_x] < NEUTRAL:
-            return points[:count].copy(), True
-        if x != known_x or y != known_y:
-            known_x, known_y, complete = x, y, True
-            for j in range(-1, 2):
-                for i in range(-1, 2):
-                    if potential[y + j, x + i] >= UNREACHED:
-                        complete = False
-            if complete:
-                ax, ay = _descent(potential, x, y)
-                bx, by = _descent(potential, x + 1, y)
-                cx, cy = _descent(potential, x, y + 1)
-                dx, dy = _descent(potential, x + 1, y + 1)
+        way = hypot(x + offset_x - start_x, y + offset_y - start_y)
+        found = way > until_m / resolution or potential[near_y, near_x] < NEUTRAL
+        if found:
+            break
         swings = (
             count > 2
             and points[count - 1, 0] == points[count - 3, 0]
             and points[count - 1, 1] == points[count - 3, 1]
         )
-        if complete and not swings:
-            down_x = (1.0 - offset_y) * ((1.0 - offset_x) * ax + offset_x * bx) + offset_y * (
-                (1.0 - offset_x) * cx + offset_x * dx
-            )
-            down_y = (1.0 - offset_y) * ((1.0 - offset_x) * ay + offset_x * by) + offset_y * (
-                (1.0 - offset_x) * cy + offset_x * dy
-            )
+        if not swings and potential[y - 1 : y + 2, x - 1 : x + 2].max() < UNREACHED:
+            a, b = _descent(potential, x, y), _descent(potential, x + 1, y)
+            c, d = _descent(potential, x, y + 1), _descent(potential, x + 1, y + 1)
+            down_x = _between(a[0], b[0], c[0], d[0], offset_x, offset_y)
+            down_y = _between(a[1], b[1], c[1], d[1], offset_x, offset_y)
             norm = hypot(down_x, down_y)
             if norm > 0.0:
                 offset_x += 0.5 * down_x / norm
@@ -442,13 +356,28 @@ def gradient_path(
                 offset_x, offset_y = offset_x - shift_x, offset_y - shift_y
                 continue
         if count == 1 and potential[near_y, near_x] >= UNREACHED:
-            search = escape_cells
+            search = _ESCAPE_CELLS
         x, y = _lowest_beside(potential, near_x, near_y, search)
         search = 1
         offset_x, offset_y = 0.0, 0.0
         if x == near_x and y == near_y:
             break
-    return points[:count].copy(), False
+    first = min(1, count - 1)
+    if not found or potential[round(points[first, 1]), round(points[first, 0])] >= settled_below:
+        return points[:0].copy(), False
+    for i in range(count):
+        points[i, 0] = (points[i, 0] + 0.5) * resolution + origin[0]
+        points[i, 1] = (points[i, 1] + 0.5) * resolution + origin[1]
+    if not hypot(points[count - 1, 0] - start[0], points[count - 1, 1] - start[1]) > until_m:
+        points[count, 0], points[count, 1] = goal
+        count += 1
+    return points[:count].copy(), True
+
+
+@njit
+def _between(a: float, b: float, c: float, d: float, x: float, y: float) -> float:
+    """The bilinear interpolation of lower left, lower right, upper left and upper right."""
+    return (1.0 - y) * ((1.0 - x) * a + x * b) + y * ((1.0 - x) * c + x * d)
 
 
 @njit
@@ -502,33 +431,13 @@ def changed_near(
     for i in range(0, len(path), 4):
         column = int((path[i, 0] - origin[0]) / resolution)
         row = int((path[i, 1] - origin[1]) / resolution)
-        x0, x1 = max(column - radius, 0), min(column + radius + 1, width)
         for y in range(max(row - radius, 0), min(row + radius + 1, height)):
-            if _are_equal(now[y, x0:x1], then[y, x0:x1]):
-                continue
-            for x in range(x0, x1):
+            for x in range(max(column - radius, 0), min(column + radius + 1, width)):
                 is_lethal, was_lethal = now[y, x] == LETHAL, then[y, x] == LETHAL
                 if is_lethal == was_lethal or static_costs[y, x] >= INSCRIBED:
                     continue
-                if not _lethal_beside(then if is_lethal else now, x, y):
+                without = then if is_lethal else now
+                beside = without[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+                if not (beside == LETHAL).any():
                     return True
-    return False
-
-
-@njit
-def _are_equal(some: Cells, others: Cells) -> bool:
-    """Whether two rows of cells, of one length, are the same; many cells are compared at once."""
-    differ = False
-    for i in range(len(some)):
-        differ |= some[i] != others[i]
-    return not differ
-
-
-@njit
-def _lethal_beside(cells: Cells, column: int, row: int) -> bool:
-    height, width = cells.shape
-    for y in range(max(row - 1, 0), min(row + 2, height)):
-        for x in range(max(column - 1, 0), min(column + 2, width)):
-            if cells[y, x] == LETHAL:
-                return True
     return False

@@ -1,4 +1,4 @@
-"""What can be set of costmaps, planners and navigator; nothing here needs the compiled code that obeys it."""
+"""What can be set of costmaps, planners and navigator; nothing here needs a compiler."""
 
 import math
 from dataclasses import dataclass, replace
@@ -49,7 +49,7 @@ class CostmapSettings(Settings):
     of that radius by 0.01 m: its circle of 16 corners then has an inscribed radius of 0.1127 m.
 
     MIDNet's local costmaps take window and ranges from TurtleBot3's files instead (items 6 and 7).
-    ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
+    ``BURGER_COSTMAP`` is what a TurtleBot3 navigates with.
     """
 
     resolution: float = fixed(0.05, "package: costmap_2d, resolution")
@@ -128,13 +128,14 @@ class CostmapSettings(Settings):
         if self.inflation_radius_m > MAX_INFLATION_CELLS * self.resolution:
             raise InputError(
                 f"costmap: inflation_radius_m {self.inflation_radius_m} spans more than "
-                f"{MAX_INFLATION_CELLS} cells of {self.resolution} m; use a coarser "
-                f"resolution or a smaller radius"
+                f"{MAX_INFLATION_CELLS} cells of {self.resolution} m; use a coarser resolution or a "
+                f"smaller radius"
             )
 
-    def of_robot(self, robot: RobotModel, padding_m: float = COSTMAP_PADDING_M) -> "CostmapSettings":
+    def of_robot(self, robot: RobotModel) -> "CostmapSettings":
         """The same of another robot: its footprint padded, its radius as it stands."""
-        return replace(self, footprint=padded(robot.footprint, padding_m), inscribed_radius_m=robot.radius_m)
+        footprint = padded(robot.footprint, COSTMAP_PADDING_M)
+        return replace(self, footprint=footprint, inscribed_radius_m=robot.radius_m)
 
     @property
     def memory_s(self) -> float:
@@ -183,37 +184,24 @@ BURGER_SOURCES = {
     "inscribed_radius_m": "ours: of the file's footprint, padded by 0.04 m so that bodies do not touch",
     "inf_is_valid": "ours: with the files' false, marks before open space stay for ever and close the way",
 }
-"""Sources of the values of ``burger_local`` and ``burger_global``."""
+"""Sources of the values of ``BURGER_COSTMAP``."""
 
 
-def burger_local() -> CostmapSettings:
-    """The local costmap of turtlebot3_navigation 0.2.1: 3.5 x 3.5 m that roll with the robot, no static map.
+_BURGER_OUTLINE = padded(BURGER.footprint, _MARGIN_M)
 
-    ``BURGER_SOURCES`` says where it departs from the files; the footprint's padding and the rate (each scan,
-    not 2 Hz) do too.
-    """
-    return _burger(size_m=3.5, centered=False)
-
-
-def burger_global(resolution: float = 0.05) -> CostmapSettings:
-    """The global costmap of turtlebot3_navigation 0.2.1: the static map's size, with an obstacle layer."""
-    return _burger(resolution=resolution)
-
-
-def _burger(resolution: float = 0.05, size_m: float = 3.5, centered: bool = False) -> CostmapSettings:
-    footprint = padded(BURGER.footprint, _MARGIN_M)
-    return CostmapSettings(
-        resolution=resolution,
-        size_m=size_m,
-        centered=centered,
-        obstacle_range_m=2.5,
-        raytrace_range_m=3.5,
-        inflation_radius_m=1.0,
-        cost_scaling_factor=3.0,
-        inscribed_radius_m=radii(footprint)[0],
-        footprint=footprint,
-        inf_is_valid=True,
-    )
+BURGER_COSTMAP = CostmapSettings(
+    size_m=3.5,
+    centered=False,
+    raytrace_range_m=3.5,
+    inflation_radius_m=1.0,
+    cost_scaling_factor=3.0,
+    inscribed_radius_m=radii(_BURGER_OUTLINE)[0],
+    footprint=_BURGER_OUTLINE,
+    inf_is_valid=True,
+)
+"""Both costmaps of turtlebot3_navigation 0.2.1: the local one rolls with the robot and has no static map, the
+global one has the static map's size. ``BURGER_SOURCES`` says where they depart from the files; the padding
+of the footprint and the rate (each scan, not 2 Hz) do too."""
 
 
 @dataclass(frozen=True)
@@ -241,14 +229,6 @@ class LocalPlannerLimits(Settings):
     yaw_goal_tolerance_rad: float = fixed(
         0.15, "turtlebot3: dwa_local_planner_params.yaml, yaw_goal_tolerance"
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.min_vel_x_mps > self.max_vel_x_mps:
-            raise InputError(
-                f"local planner: min_vel_x_mps {self.min_vel_x_mps} must not exceed "
-                f"max_vel_x_mps {self.max_vel_x_mps}"
-            )
 
     def of_robot(self, robot: RobotModel) -> "LocalPlannerLimits":
         """Up to all that ``robot`` can do; too slow is less than half of it, as in a Waffle's file."""
@@ -342,14 +322,14 @@ class NavigatorSettings(Settings):
     rollout_limits: LocalPlannerLimits = TRAJECTORY_ROLLOUT_LIMITS
     """the limits of Trajectory Rollout, whose other numbers stand in its file"""
     local_costmap: CostmapSettings = group(
-        burger_local(),
+        BURGER_COSTMAP,
         "local costmap",
         prefix="nav_local_",
         only=("inflation_radius_m", "cost_scaling_factor"),
         sources=BURGER_SOURCES,
     )
     global_costmap: CostmapSettings = group(
-        burger_global(),
+        BURGER_COSTMAP,
         "global costmap",
         prefix="nav_global_",
         only=("inflation_radius_m", "cost_scaling_factor"),
@@ -388,24 +368,20 @@ class NavigatorSettings(Settings):
 
     def of_robot(self, robot: RobotModel) -> "NavigatorSettings":
         """The same for another robot than a Burger: its outlines, and limits within what it can do."""
-
-        def wide(costmap: CostmapSettings) -> CostmapSettings:
-            footprint = padded(robot.footprint, _MARGIN_M)
-            return replace(costmap, footprint=footprint, inscribed_radius_m=radii(footprint)[0])
-
+        footprint = padded(robot.footprint, _MARGIN_M)
+        inscribed_m, _ = radii(footprint)
+        local, around = (
+            replace(costmap, footprint=footprint, inscribed_radius_m=inscribed_m)
+            for costmap in (self.local_costmap, self.global_costmap)
+        )
         return replace(
             self,
             bare_footprint=robot.footprint,
-            local_costmap=wide(self.local_costmap),
-            global_costmap=wide(self.global_costmap),
+            local_costmap=local,
+            global_costmap=around,
             dwa=replace(self.dwa, limits=self.dwa.limits.of_robot(robot)),
             rollout_limits=self.rollout_limits.within(robot),
         )
-
-    @property
-    def limits(self) -> LocalPlannerLimits:
-        """Those of the chosen controller."""
-        return self.dwa.limits if self.controller == "dwa" else self.rollout_limits
 
     def at_speed(self, top_mps: float) -> "NavigatorSettings":
         """The settings of a robot whose top speed is ``top_mps``."""

@@ -85,8 +85,8 @@ def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
         robots=1, frames=75, controller="trajectory_rollout", intruder_speed_mps=0.1
     )
     with DetectionTrial(parameters, 3) as trial:
-        assert trial.guards[0].navigator.settings.limits == own
-        slower = trial.intruders[0].navigator.settings.limits
+        assert trial.guards[0].navigator.settings.rollout_limits == own
+        slower = trial.intruders[0].navigator.settings.rollout_limits
         assert (slower.max_vel_x_mps, slower.max_vel_theta_radps) == (0.1, own.max_vel_theta_radps)
         assert slower.min_vel_x_mps == pytest.approx(own.min_vel_x_mps * 0.1 / own.max_vel_x_mps)
         speeds = [trial.guards[0].velocity[0] for _ in trial.frames()]

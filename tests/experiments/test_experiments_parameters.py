@@ -20,7 +20,6 @@ from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.experiments.registry import names, parameters_model
-from midnet_bench.navigation.navigation_settings import LocalPlannerLimits
 from midnet_bench.settings import all_values, leaves
 from midnet_bench.workflows.readings import READINGS, readings_of
 
@@ -99,8 +98,6 @@ def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
         InputError, match=r"grid: .*costmap: inflation_radius_m 2\.5 spans more than 100 cells"
     ):
         DetectionParameters.parse({**values, "prior_map": "exact"}, "grid")
-    with pytest.raises(InputError, match=r"local planner: min_vel_x_mps 0\.3 must not exceed"):
-        LocalPlannerLimits(min_vel_x_mps=0.3)
 
 
 MOST_OPTIONS = 120

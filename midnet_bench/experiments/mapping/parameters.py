@@ -15,7 +15,7 @@ from midnet_bench.mapping.mapping_settings import (
     GmappingSettings,
     MergeSettings,
 )
-from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
+from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import OdometrySettings, SimulationSettings
 
@@ -68,7 +68,7 @@ class MappingParameters(Parameters):
     frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration")
     merging: MergeSettings = group(MergeSettings(), "merging by features")
     navigator: NavigatorSettings = group(
-        NavigatorSettings(global_costmap=replace(burger_global(), track_unknown=True)),
+        NavigatorSettings(global_costmap=replace(BURGER_COSTMAP, track_unknown=True)),
         "navigator",
         sources={"global_costmap.track_unknown": "package: explore_lite, which needs unknown cells"},
     )
