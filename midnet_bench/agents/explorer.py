@@ -40,18 +40,10 @@ class Explorer(MobileRobot):
         area: MapWindow,
         goal_timeout_s: float,
     ) -> None:
-        """A robot at rest at ``start`` that knows nothing yet.
+        """A robot at rest at ``start``, map frame, that knows nothing yet.
 
-        Args:
-            index: its body in the world.
-            name: its name; its noise streams go by it.
-            start: its known start pose, map frame.
-            navigator: over an unknown map that covers ``area``.
-            ukf: started at ``start``, so that the odometry frame begins as the map frame.
-            slam: the same.
-            frontiers: its own explore_lite.
-            area: what is to be explored; it neither looks for frontiers nor drives outside.
-            goal_timeout_s: a goal without any progress for so long is given up.
+        ``ukf`` and ``slam`` begin at ``start``, so that the odometry frame begins as the map frame. The
+        ``navigator`` has an unknown map that covers ``area``; frontiers outside it are left alone.
         """
         super().__init__(index, name, start, navigator, ukf, lambda robot: None, goal_timeout_s)
         self.slam = slam
@@ -65,8 +57,7 @@ class Explorer(MobileRobot):
         self._frontiers = frontiers
         self._area = area
         self._map = area.empty()
-        self._has_map = False
-        self._has_new_map = False
+        self._has_map = self._has_new_map = False
         self._looks = False
         """whether it has come to its goal and waits for a scan from there"""
         self._has_parked = False

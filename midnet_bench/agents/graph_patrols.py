@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import KDTree
 
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.geometry import Point, lengths
@@ -30,7 +30,9 @@ class PatrolGraph:
                 chosen.append(i)
         self.nodes = places[chosen]
         """(k, 2) metres"""
-        self.ways_m = dijkstra(_steps(cells), indices=chosen)[:, chosen] * self.COARSE_M
+        tree = KDTree(cells)
+        steps = tree.sparse_distance_matrix(tree, 1.5, output_type="coo_matrix")  # weights 1 and sqrt 2
+        self.ways_m = dijkstra(steps, indices=chosen)[:, chosen] * self.COARSE_M
         """(k, k) from node to node; inf where no way was found"""
         straight = lengths(self.nodes[:, None] - self.nodes[None])
         # thin passages may be lost on coarse cells
@@ -40,19 +42,10 @@ class PatrolGraph:
         """The node that is nearest to ``place`` in a straight line."""
         return int(lengths(self.nodes - place).argmin())
 
-
-def _steps(cells: npt.NDArray[np.int64]) -> coo_matrix:
-    """The graph of neighbouring cells, (n, n), weights 1 and sqrt 2."""
-    number = {tuple(cell): i for i, cell in enumerate(cells.tolist())}
-    rows, columns, weights = [], [], []
-    for (x, y), i in number.items():
-        for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
-            j = number.get((x + dx, y + dy))
-            if j is not None:
-                rows += [i, j]
-                columns += [j, i]
-                weights += [math.hypot(dx, dy)] * 2
-    return coo_matrix((weights, (rows, columns)), shape=(len(number), len(number)))
+    def point(self, node: int) -> Point:
+        """Where a node is: (x, y), metres."""
+        x, y = self.nodes[node].tolist()
+        return x, y
 
 
 @dataclass
@@ -88,7 +81,7 @@ class CyclicRoute(_OnGraph):
             self._next[guard] = begin + round(guard * len(self._route) / self.guards)
         place = self._next[guard] % len(self._route)
         self._next[guard] = place + 1
-        return _point(self._graph, self._route[place])
+        return self._graph.point(self._route[place])
 
 
 @dataclass
@@ -112,9 +105,9 @@ class ConscientiousReactive(_OnGraph):
         if not len(near):
             near = np.delete(np.arange(len(visited_s)), here)
         if not len(near):  # one node is all there is
-            return _point(self._graph, here)
+            return self._graph.point(here)
         longest = near[visited_s[near] == visited_s[near].min()]
-        return _point(self._graph, int(self.rng.choice(longest)))
+        return self._graph.point(int(self.rng.choice(longest)))
 
 
 @dataclass
@@ -142,7 +135,7 @@ class CoordinatedIdleness(_OnGraph):
             free &= lengths(self._graph.nodes - goal) >= self.apart_m
         worth_s[~free] -= 1e6  # only if nothing else is left
         best = np.flatnonzero(worth_s == worth_s.max())
-        return _point(self._graph, int(self.rng.choice(best)))
+        return self._graph.point(int(self.rng.choice(best)))
 
 
 def _tour(ways_m: npt.NDArray[np.float64]) -> list[int]:
@@ -161,8 +154,3 @@ def _tour(ways_m: npt.NDArray[np.float64]) -> list[int]:
                     route[i : j + 1] = route[i : j + 1][::-1]
                     improved = True
     return route
-
-
-def _point(graph: PatrolGraph, node: int) -> Point:
-    x, y = graph.nodes[node].tolist()
-    return x, y

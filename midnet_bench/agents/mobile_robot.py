@@ -62,15 +62,11 @@ class MobileRobot:
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
-        self._correct_pose(ranges_m, lidar)
+        if self.ukf is not None and self._scan_to_map is not None:
+            matched = self._scan_to_map.match(self.pose, ranges_m, lidar)
+            if matched is not None:
+                self.pose = self.ukf.correct_pose(*matched)
         self.navigator.observe(self.pose, ranges_m, lidar, time_s)
-
-    def _correct_pose(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry) -> None:
-        if self.ukf is None or self._scan_to_map is None:
-            return
-        matched = self._scan_to_map.match(self.pose, ranges_m, lidar)
-        if matched is not None:
-            self.pose = self.ukf.correct_pose(*matched)
 
     def drive_to(self, goal: Point) -> None:
         """Drop the goal at hand for another one, map frame, metres."""
@@ -137,8 +133,6 @@ class Localizer:
     def __init__(self, robots: Sequence[MobileRobot]) -> None:
         """``robots`` in the order of the rows that ``step`` takes; all have a pose filter, or none."""
         filters = [robot.ukf for robot in robots if robot.ukf is not None]
-        if filters and len(filters) < len(robots):
-            raise ValueError("all robots of a fleet need a pose filter, or none")
         self._filters = UkfTeam(filters) if filters else None
 
     def step(
@@ -171,10 +165,7 @@ class Progress:
     RADIUS_M = 0.5
 
     def __init__(self) -> None:
-        """Nothing done yet."""
-        self.goals_set = 0
-        self.goals_reached = 0
-        self.goals_given_up = 0
+        self.goals_set = self.goals_reached = self.goals_given_up = 0
         self._dwell = Dwell(self.RADIUS_M)
         self._has_new_goal = True
 

@@ -75,11 +75,7 @@ class TeamPursuit:
         self._rule = PURSUITS.make(WITH_ORACLE if PURSUITS.is_made_here(name) else name, prior_map, rng)
 
     def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
-        """See :class:`PursuitRule`.
-
-        Raises:
-            PluginError: it failed, or named guards or targets that are not there.
-        """
+        """See :class:`PursuitRule`. Raises PluginError: it failed, or named what is not there."""
 
         def refused(what: str) -> PluginError:
             return PURSUITS.refused(self._name, f"pursue gave {what}")

@@ -38,8 +38,7 @@ class _Oscillation:
 
     A speed of the opposite sign to the one before forbids that old sign; the same for turning, but only while
     the speed is no more than ``min_vel_trans_mps``. All is allowed again after moving or turning far enough.
-    Plans here outlive a planner cycle, so the flags do what they are for; in move_base at 5 Hz each new plan
-    clears them.
+    In move_base at 5 Hz each new plan clears the flags; plans here outlive a planner cycle.
     """
 
     def __init__(self, min_vel_trans_mps: float) -> None:
@@ -81,8 +80,6 @@ class SearchParameters(NamedTuple):
     max_vel_trans: float
     min_vel_theta: float
     sim_time: float
-    steps_per_mps: float  # simulation steps per metre per second
-    steps_per_radps: float
     cells_per_m: float
     path: float
     """total score per step of the path grid; also that of the alignment critic unless near the goal"""
@@ -124,8 +121,6 @@ class DwaPlanner(LocalPlanner):
             max_vel_trans=float(limits.max_vel_trans_mps),
             min_vel_theta=float(limits.min_vel_theta_radps),
             sim_time=float(settings.sim_time_s),
-            steps_per_mps=settings.sim_time_s / SIM_GRANULARITY_M,
-            steps_per_radps=settings.sim_time_s / ANGULAR_SIM_GRANULARITY_RAD,
             cells_per_m=1.0 / resolution,
             path=PATH_DISTANCE_BIAS * resolution,
             goal=settings.goal_distance_bias * resolution,
@@ -149,17 +144,12 @@ class DwaPlanner(LocalPlanner):
         grids = self._grids(costmap, plan, pose, ahead_m, clears_footprint=False)
         start = (*costmap.to_cells(pose.x, pose.y), pose.yaw)
         aligned = math.hypot(plan.item(-2) - pose.x, plan.item(-1) - pose.y) > ahead_m
-        signs, parameters = self._oscillation.allowed, self._parameters
-        footprint = self._footprint_cells
-        found, speed, turn = best_velocity(
-            costs, grids, start, velocity[:], self._ranges, signs, aligned, footprint, parameters
-        )
+        window = self._ranges, self._oscillation.allowed, aligned
+        seen = costs, grids, start, velocity[:], *window
+        found, speed, turn = best_velocity(*seen, self._footprint_cells, self._parameters, False)
         self._cycles_without_sample = 0 if found else self._cycles_without_sample + 1
         if self._cycles_without_sample * self._period_s > _ESCAPE_AFTER_S:
-            footprint = self._bare_footprint_cells
-            found, speed, turn = escape_velocity(
-                costs, start, velocity[:], self._ranges, footprint, parameters
-            )
+            found, speed, turn = best_velocity(*seen, self._bare_footprint_cells, self._parameters, True)
         if not found:
             return None
         chosen = Command(speed, turn)
@@ -185,34 +175,20 @@ def best_velocity(
     aligned: bool,
     footprint: Floats,
     parameters: tuple[float, ...],
+    escapes: bool,
 ) -> tuple[bool, float, float]:
     """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples.
 
     ``velocity``: the present speed and turn; ``ranges``: of both how far one period reaches, lowest, highest;
-    ``parameters``: ``SearchParameters``; the rest as for ``search``.
+    ``parameters``: ``SearchParameters``; ``escapes``: by ``escape``, not by ``search``; the rest as there.
     """
     speeds = _reachable(velocity[0], ranges[0], VX_SAMPLES)
     turns = _reachable(velocity[1], ranges[1], VTH_SAMPLES)
     params = SearchParameters(*parameters)
-    best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, params)
-    if best < 0:
-        return False, 0.0, 0.0
-    return True, speeds[best // len(turns)], turns[best % len(turns)]
-
-
-@njit
-def escape_velocity(
-    costs: Cells,
-    start: tuple[float, float, float],
-    velocity: tuple[float, float],
-    ranges: tuple[_Range, _Range],
-    footprint: Floats,
-    parameters: tuple[float, ...],
-) -> tuple[bool, float, float]:
-    """As ``best_velocity``, of the sample that ``escape`` finds."""
-    speeds = _reachable(velocity[0], ranges[0], VX_SAMPLES)
-    turns = _reachable(velocity[1], ranges[1], VTH_SAMPLES)
-    best = escape(costs, start, speeds, turns, footprint, SearchParameters(*parameters))
+    if escapes:
+        best = escape(costs, start, speeds, turns, footprint, params)
+    else:
+        best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, params)
     if best < 0:
         return False, 0.0, 0.0
     return True, speeds[best // len(turns)], turns[best % len(turns)]
@@ -242,11 +218,10 @@ def search(
     Index i * len(turns) + j stands for speeds[i], turns[j]. ``start``: x, y in cells from the window's
     lower-left corner, yaw in radians. ``signs_allowed``: forwards, backwards, left, right.
 
-    All samples get the score of their last point first, which costs a look-up each. Obstacle scores are only
-    added and never negative, and at least that of the start, which all samples share. So an arc is followed
-    step by step only when its known part does not exceed the best total yet: 32 us a call, against 300 us for
-    scoring them all, which chooses the same but for ties by rounding. The most promising ones are followed
-    first until one is legal.
+    All samples get the score of their last point first. Obstacle scores are never negative, and at least that
+    of the start, which all samples share. So an arc is followed step by step only when its known part does
+    not exceed the best total yet, the most promising ones first until one is legal: 32 us a call, against
+    300 us for scoring them all, which chooses the same but for ties by rounding.
     """
     scores = _end_scores(grids, start, speeds, turns, signs_allowed, aligned, params)
     start_c, start_s = cos_sin(start[2])
@@ -296,11 +271,8 @@ def _end_scores(
     free_below = height * width
     forward = params.forward_cells
     # Flat and unsigned, so that no index is asked whether it counts from the end.
-    path_grid, goal_grid, front_grid = (
-        grids[PATH].reshape(-1),
-        grids[GOAL].reshape(-1),
-        grids[GOAL_FRONT].reshape(-1),
-    )
+    path_grid, goal_grid = grids[PATH].reshape(-1), grids[GOAL].reshape(-1)
+    front_grid = grids[GOAL_FRONT].reshape(-1)
     one, stride = np.uint32(1), np.uint32(width + 2)
     start_c, start_s = cos_sin(start[2])
     scores = np.full(len(speeds) * len(turns), np.inf)
@@ -316,13 +288,9 @@ def _end_scores(
             speed = speeds[i]
             if (speed > 0.0 and not signs_allowed[0]) or (speed < 0.0 and not signs_allowed[1]):
                 continue
-            if abs(speed) + 1e-4 < params.min_vel_trans and abs(turn) + 1e-4 < params.min_vel_theta:
-                continue
-            if abs(speed) - 1e-4 > params.max_vel_trans:
+            if _is_too_slow(speed, turn, params) or abs(speed) - 1e-4 > params.max_vel_trans:
                 continue
             steps = _simulation_steps(speed, turn, params)
-            if steps == 0:
-                continue
             if steps != steps_before:
                 steps_before = steps
                 c, s = cos_sin(half_turn / steps)
@@ -336,9 +304,9 @@ def _end_scores(
                 nose_y = start[1] + forward * (middle_s * half_c + middle_c * half_s)
             x, y = start[0] + speed * sum_c, start[1] + speed * sum_s
             ahead_x, ahead_y = nose_x + speed * sum_c, nose_y + speed * sum_s
-            if not (0.0 <= x < width and 0.0 <= y < height):
-                continue
-            if not (0.0 <= ahead_x < width and 0.0 <= ahead_y < height):
+            if not (
+                0.0 <= x < width and 0.0 <= y < height and 0.0 <= ahead_x < width and 0.0 <= ahead_y < height
+            ):
                 continue
             cell = (np.uint32(y) + one) * stride + np.uint32(x) + one
             path, goal = path_grid[cell], goal_grid[cell]
@@ -399,8 +367,16 @@ def collision_cost(
 
 
 @njit
+def _is_too_slow(speed: float, turn: float, params: SearchParameters) -> bool:
+    """Whether a sample moves too little; standing still always does."""
+    is_slow = abs(speed) + 1e-4 < params.min_vel_trans and abs(turn) + 1e-4 < params.min_vel_theta
+    return is_slow or (speed == 0.0 and turn == 0.0)
+
+
+@njit
 def _simulation_steps(speed: float, turn: float, params: SearchParameters) -> int:
-    return math.ceil(max(abs(speed) * params.steps_per_mps, abs(turn) * params.steps_per_radps))
+    by_way = abs(speed) * (params.sim_time / SIM_GRANULARITY_M)
+    return math.ceil(max(by_way, abs(turn) * (params.sim_time / ANGULAR_SIM_GRANULARITY_RAD)))
 
 
 @njit
@@ -425,11 +401,9 @@ def escape(
     lowest = int(costs[int(start[1]), int(start[0])])
     for sample in range(len(speeds) * len(turns)):
         speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
-        if abs(speed) + 1e-4 < params.min_vel_trans and abs(turn) + 1e-4 < params.min_vel_theta:
+        if _is_too_slow(speed, turn, params):
             continue
         steps = _simulation_steps(speed, turn, params)
-        if steps == 0:
-            continue
         dt, speed_cells = params.sim_time / steps, speed * params.cells_per_m
         x, y, yaw = start
         for _ in range(steps - 1):

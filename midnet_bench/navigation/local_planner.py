@@ -43,7 +43,6 @@ class LocalPlanner(ABC):
         self, limits: LocalPlannerLimits, sim_time_s: float, footprint: Footprint, resolution: float
     ) -> None:
         self.limits = limits
-        """what the robot may do"""
         self._sim_time_s = sim_time_s
         self._footprint_cells = corner_array(footprint) / resolution
         self._gridded: tuple[Cells, Plan] | None = None
@@ -67,10 +66,9 @@ class LocalPlanner(ABC):
     def _grids(
         self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, forward_m: float, clears_footprint: bool
     ) -> Grids:
-        """``local_grids`` of plan and costmap; the plan's end is pushed ahead by ``forward_m`` for the third.
+        """``distance_grids``, made anew for another plan or costmap than before.
 
-        Made anew for another plan or costmap than before. With ``clears_footprint`` the cells under the robot
-        count as free.
+        With ``clears_footprint`` the cells under the robot count as free.
         """
         costs = costmap.costs
         if self._gridded is None or costs is not self._gridded[0] or plan is not self._gridded[1]:
@@ -80,36 +78,12 @@ class LocalPlanner(ABC):
                 at = (*costmap.to_cells(pose.x, pose.y), pose.yaw)
                 clear_polygon(costs, placed(self._footprint_cells, at))
             resolution, robot = costmap.settings.resolution, (pose.x, pose.y)
-            self._newest_grids = local_grids(costs, plan, costmap.origin, resolution, robot, forward_m)
+            self._newest_grids = distance_grids(costs, plan, costmap.origin, resolution, robot, forward_m)
         return self._newest_grids
 
 
 @njit
-def distance_grids(costs: Cells, plan: Floats, pushed_end: tuple[float, float]) -> Grids:
-    """(3, H + 2, W + 2) int32 steps between 4-neighbours, indexed by PATH, GOAL, GOAL_FRONT.
-
-    ``costs``: (H, W). ``plan``: (N, 2) points in cells from the window's lower-left corner. The third grid
-    belongs to the plan with its last point moved to ``pushed_end``. Element [k, row + 1, column + 1] belongs
-    to a cell; the ring around them is -1. A cell of cost 253 or more next to a reached one holds H * W and
-    passes nothing on; a cell that was not reached holds H * W + 1. Seeds spread whatever they cost.
-    """
-    height, width = costs.shape
-    cells = height * width
-    grids = np.full((3, height + 2, width + 2), np.int32(-1))
-    for row in range(height):
-        for column in range(width):
-            grids[0, row + 1, column + 1] = cells + 2 if costs[row, column] >= INSCRIBED else cells + 1
-    grids[1:] = grids[0]
-    seeds, count = _plan_cells(costs, plan, (plan[-1, 0], plan[-1, 1]))
-    _spread(seeds[:count], grids[PATH], cells)
-    _spread(seeds[max(count - 1, 0) : count], grids[GOAL], cells)
-    seeds, count = _plan_cells(costs, plan, pushed_end)
-    _spread(seeds[max(count - 1, 0) : count], grids[GOAL_FRONT], cells)
-    return grids
-
-
-@njit
-def local_grids(
+def distance_grids(
     costs: Cells,
     plan: Floats,
     origin: tuple[float, float],
@@ -117,22 +91,37 @@ def local_grids(
     robot: tuple[float, float],
     forward_m: float,
 ) -> Grids:
-    """``distance_grids`` of a plan in metres whose end is pushed ``forward_m`` farther from the robot.
+    """(3, H + 2, W + 2) int32 steps between 4-neighbours, indexed by PATH, GOAL, GOAL_FRONT.
 
-    ``origin``: the window's lower-left corner; ``robot``: x, y; all in one frame, metres.
+    ``costs``: (H, W); ``origin``: its lower-left corner. ``plan``: (N, 2) points; in the third grid its last
+    one is pushed ``forward_m`` farther from the ``robot``. All in one frame, metres.
+
+    Element [k, row + 1, column + 1] belongs to a cell; the ring around them is -1. A cell of cost 253 or more
+    next to a reached one holds H * W and passes nothing on; a cell that was not reached holds H * W + 1.
+    Seeds spread whatever they cost.
     """
-    cells = np.empty_like(plan)
+    points = np.empty_like(plan)
     for i in range(len(plan)):
-        cells[i, 0] = (plan[i, 0] - origin[0]) / resolution
-        cells[i, 1] = (plan[i, 1] - origin[1]) / resolution
-    end_x, end_y = cells[-1, 0], cells[-1, 1]
-    ahead_x, ahead_y = (
-        end_x - (robot[0] - origin[0]) / resolution,
-        end_y - (robot[1] - origin[1]) / resolution,
-    )
+        points[i, 0] = (plan[i, 0] - origin[0]) / resolution
+        points[i, 1] = (plan[i, 1] - origin[1]) / resolution
+    end_x, end_y = points[-1, 0], points[-1, 1]
+    ahead_x = end_x - (robot[0] - origin[0]) / resolution
+    ahead_y = end_y - (robot[1] - origin[1]) / resolution
     distance = hypot(ahead_x, ahead_y)
     push = forward_m / resolution / distance if distance > 0.0 else 0.0
-    return distance_grids(costs, cells, (end_x + push * ahead_x, end_y + push * ahead_y))
+    height, width = costs.shape
+    cells = height * width
+    grids = np.full((3, height + 2, width + 2), np.int32(-1))
+    for row in range(height):
+        for column in range(width):
+            grids[0, row + 1, column + 1] = cells + 2 if costs[row, column] >= INSCRIBED else cells + 1
+    grids[1:] = grids[0]
+    seeds, count = _plan_cells(costs, points, (end_x, end_y))
+    _spread(seeds[:count], grids[PATH], cells)
+    _spread(seeds[max(count - 1, 0) : count], grids[GOAL], cells)
+    seeds, count = _plan_cells(costs, points, (end_x + push * ahead_x, end_y + push * ahead_y))
+    _spread(seeds[max(count - 1, 0) : count], grids[GOAL_FRONT], cells)
+    return grids
 
 
 @njit

@@ -2,19 +2,34 @@
 
 import enum
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import STOP, Command, LidarGeometry, Pose2D, lengths, wrap_angle
+from midnet_bench.geometry import STOP, Command, LidarGeometry, Point, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostmap, corner_array
 from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan, turn_is_free
-from midnet_bench.navigation.navigation_settings import Footprint, NavigatorSettings
+from midnet_bench.navigation.navigation_settings import CostmapSettings, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import LDS_01
+
+PLANNER_PATIENCE_S, OSCILLATION_TIMEOUT_S, OSCILLATION_DISTANCE_M = 1.0, 10.0, 0.2
+"""turtlebot3, move_base_params.yaml, planner_patience, oscillation_timeout and oscillation_distance"""
+CLEARED_OUTSIDE_M = (0.1, None, 1.84, None)
+"""Of the recoveries in turn: outside of what square the costmaps are cleared; None: a turn on the spot.
+turtlebot3, move_base_params.yaml, conservative_reset_dist; move_base, 4 x circumscribed_radius."""
+_NEAR_S = 10.0
+"""For so much longer than the straight way takes may a robot be near its goal and not reach it. Without such
+a limit robots were near 478 goals that they reached, 7 of them for longer than 15 s in all, and near 16 that
+they gave up in the end, for 40 s in the mean (three detection trials of 300 s, seeds 2001 to 2003)."""
+_WAYS, _SPARE_M = 2.0, 5.0
+"""A robot may drive so many times the first plan's length, and so many metres more, for one goal."""
+_STOPPED_MPS, _STOPPED_RADPS = 0.1, 0.1
+"""trans_stopped_vel and rot_stopped_vel of the package: below both a robot stands"""
 
 
 class Status(enum.Enum):
@@ -32,73 +47,74 @@ class _State(enum.Enum):
     CLEARING = enum.auto()
 
 
-PLANNER_PATIENCE_S, OSCILLATION_TIMEOUT_S, OSCILLATION_DISTANCE_M = 1.0, 10.0, 0.2
-"""turtlebot3, move_base_params.yaml, planner_patience, oscillation_timeout and oscillation_distance"""
-CLEARED_OUTSIDE_M = (0.1, None, 1.84, None)
-"""Of the recoveries in turn: outside of what square the costmaps are cleared; None: a turn on the spot.
-turtlebot3, move_base_params.yaml, conservative_reset_dist; move_base, 4 x circumscribed_radius."""
-_NEAR_S = 10.0
-"""For so much longer than the straight way takes may a robot be near its goal and not reach it. Without such
-a limit robots were near 478 goals that they reached, 7 of them for longer than 15 s in all, and near 16 that
-they gave up in the end, for 40 s in the mean (three detection trials of 300 s, seeds 2001 to 2003). nav2's
-SimpleProgressChecker asks for 0.5 m of movement in 10 s instead, to wherever."""
-_WAYS, _SPARE_M = 2.0, 5.0
-"""A robot may drive so many times the first plan's length, and so many metres more, for one goal."""
-_STOPPED_MPS, _STOPPED_RADPS = 0.1, 0.1
-"""trans_stopped_vel and rot_stopped_vel of the package: below both a robot stands"""
+@dataclass
+class _Drive:
+    """The goal at hand and how the robot gets on with it; clocks in seconds."""
+
+    goal: Point
+    yaw: float
+    stop_rotate: "StopRotate"
+    state: _State = _State.PLANNING
+    trigger: _State = _State.PLANNING
+    """what failed before the newest recovery: planning, controlling, or (CLEARING) moving on"""
+    recovery_index: int = 0
+    rotation: "RotateRecovery | None" = None
+    plan: Plan | None = None
+    """the way that is followed, up to where it leaves the local window"""
+    checked_on_map: bool = False
+    planned_at_s: float = 0.0
+    planning_since_s: float = 0.0
+    valid_command_at_s: float = 0.0
+    moved_at_s: float = 0.0
+    moved_from: Pose2D | None = None
+    """None before the first control cycle, with which the clocks start"""
+    near_s: float = 0.0
+    """how long the robot has been near the goal"""
+    driven_m: float = 0.0
+    first_plan_m: float = math.inf
 
 
 class Navigator:
     """Drives one robot to one goal at a time over a prior map (int8, -1 to 100), by its own scans.
 
-    A goal is a place and a heading, to which the robot turns when it is there. Call ``observe`` at every scan
-    and ``control`` at ``controller_frequency_hz``. The states, clocks and the order of recoveries (clear all
-    but a square, turn once, clear all but a wider one, turn once) are move_base's. Departures: planning runs
-    inside ``control``, not in a thread of its own; a goal that the map alone makes impossible (off the map,
-    in or at a wall, walled off) is aborted at once; one that a scanned obstacle covers is approached as near
-    as can be; one that the robot has been near for too long (``_NEAR_S``) is aborted, for something that
-    the map does not know keeps it off, and so is one for which it has driven twice the way and 5 m; and the
-    plan is traced anew after each scan, not between.
+    Call ``observe`` at every scan and ``control`` at ``controller_frequency_hz``. The states, clocks and the
+    order of recoveries (clear all but a square, turn once, clear all but a wider one, turn once) are
+    move_base's. Departures: planning runs inside ``control``, and traces the plan anew after each scan; a
+    goal that the map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once;
+    one that a scanned obstacle covers is approached as near as can be; one that the robot has been near for
+    too long (``_NEAR_S``) is aborted, as something that the map does not know keeps it off, and so is one for
+    which it has driven twice the way and 5 m.
     """
 
     def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
         self.settings = settings = settings or NavigatorSettings()
-        self.local_costmap = RollingCostmap(settings.local_costmap, prior.origin)
+        local = settings.local_costmap
+        self.local_costmap = RollingCostmap(local, prior.origin)
         self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
         self._global_planner = GlobalPlanner(self.global_costmap, settings.goal_tolerance_m)
         self._period_s = 1.0 / settings.controller_frequency_hz
-        self.local_planner = _local_planner(settings, self._period_s)
-        self._window_m = settings.local_costmap.size_m / 2.0
+        self.local_planner: LocalPlanner
+        if settings.controller == "dwa":
+            bare = settings.bare_footprint
+            self.local_planner = DwaPlanner(
+                settings.dwa, local.footprint, bare, local.resolution, self._period_s
+            )
+        else:
+            self.local_planner = TrajectoryRolloutPlanner(
+                settings.rollout_limits, local.footprint, local.resolution
+            )
+        self._window_m = local.size_m / 2.0
         self.status = Status.IDLE
         self.recoveries = 0
         """recovery behaviours run so far, over all goals"""
-        self._goal: tuple[float, float] | None = None
-        self._goal_yaw = 0.0
-        self._stop_rotate = StopRotate(self.local_planner, self._period_s)
+        self._drive: _Drive | None = None
         self._pose: Pose2D | None = None
-        self._plan: Plan | None = None
-        """the way that is followed, up to where it leaves the local window"""
         self._has_scan = self._scan_is_new = False
-        self._state = self._trigger = _State.PLANNING
-        self._recovery_index = 0
-        self._rotation: RotateRecovery | None = None
-        self._checked_on_map = False
-        # clocks of the goal at hand, seconds; they start with its first control cycle
-        self._started = False
-        self._planning_since_s = self._planned_at_s = self._valid_command_at_s = 0.0
-        self._moved_at_s = 0.0
-        self._moved_from = Pose2D(0.0, 0.0, 0.0)
-        self._near_s = 0.0
-        """how long the robot has been near the goal at hand"""
-        self._driven_m = 0.0
-        """how far it has driven for it"""
-        self._first_plan_m = math.inf
-        """length of the first plan to it"""
 
     @property
-    def goal(self) -> tuple[float, float] | None:
+    def goal(self) -> Point | None:
         """Where the robot is to go, metres; None unless ACTIVE."""
-        return self._goal
+        return self._drive.goal if self._drive else None
 
     def set_goal(self, x: float, y: float, yaw: float = 0.0) -> None:
         """Head for (x, y) in the map's frame, metres, and turn to ``yaw`` there; the goal before is dropped.
@@ -106,24 +122,16 @@ class Navigator:
         A move_base goal always has a heading, radians; where a caller means none, its orientation is the
         identity (w = 1), so the robot turns to the map's x axis.
         """
-        self._goal, self._goal_yaw = (x, y), yaw
+        self._drive = _Drive((x, y), yaw, StopRotate(self.local_planner, self._period_s))
         self.status = Status.ACTIVE
-        self._state = self._trigger = _State.PLANNING
-        self._recovery_index = 0
-        self._rotation = None
-        self._started = False
-        self._checked_on_map = False
-        self._first_plan_m = math.inf
         self._global_planner.reset()
         self.local_planner.reset()
-        self._stop_rotate.reset()
         if self._global_planner.is_blocked((x, y), self.global_costmap.static_costs):
-            self._abort()
+            self._end(Status.ABORTED)
 
     def cancel(self) -> None:
         """Give the goal up; the next command is to stop."""
-        self._goal = None
-        self.status = Status.IDLE
+        self._end(Status.IDLE)
 
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Replace the prior map by a newer or larger one; the goal stays."""
@@ -148,166 +156,142 @@ class Navigator:
         Before the first scan the robot stands still. Raises ValueError for a pose that is not finite.
         """
         pose.require_finite()
-        self._driven_m += pose.distance_to(self._pose) if self._pose else 0.0
-        self._pose = pose
-        if self._goal is None or not self._has_scan:
+        before, self._pose = self._pose or pose, pose
+        drive = self._drive
+        if drive is None or not self._has_scan:
             return STOP
         has_new_scan, self._scan_is_new = self._scan_is_new, False
-        if not self._started:
-            self._started = True
-            self._planning_since_s = self._valid_command_at_s = time_s
-            self._moved_at_s, self._moved_from = time_s, pose
-            self._near_s = self._driven_m = 0.0
-        if not self._stop_rotate.is_at_position and self._is_kept_off(self._goal, pose):
-            self._abort()
+        if drive.moved_from is None:
+            drive.planning_since_s = drive.valid_command_at_s = drive.moved_at_s = time_s
+            drive.moved_from = pose
+        else:
+            drive.driven_m += pose.distance_to(before)
+        if not drive.stop_rotate.is_at_position and self._is_kept_off(drive, pose):
+            self._end(Status.ABORTED)
             return STOP
-        if self._state is _State.PLANNING:
-            self._make_plan(self._goal, pose, time_s)
-        if self._state is _State.CLEARING:
-            return self._recover(pose, time_s)
-        if self._state is _State.CONTROLLING and self._goal is not None and self._plan is not None:
-            return self._follow(self._goal, self._plan, pose, velocity, time_s, has_new_scan)
+        if drive.state is _State.PLANNING:
+            self._make_plan(drive, pose, time_s)
+        if drive.state is _State.CLEARING:
+            return self._recover(drive, pose, time_s)
+        if drive.state is _State.CONTROLLING and drive.plan is not None:
+            return self._follow(drive, drive.plan, pose, velocity, time_s, has_new_scan)
         return STOP
 
     def plan(self) -> Plan | None:
         """(N, 2) the whole way from the robot's last pose to the goal, metres, for drawing; or None."""
-        if self._goal is None or self._pose is None:
+        if self._drive is None or self._pose is None:
             return None
         return self._global_planner.whole_plan(self._pose)
 
-    def _make_plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
-        plan = self._global_planner.plan(goal, pose, time_s, self._window_m)
+    def _make_plan(self, drive: _Drive, pose: Pose2D, time_s: float) -> None:
+        plan = self._global_planner.plan(drive.goal, pose, time_s, self._window_m)
         if plan is not None:
-            self._plan, self._planned_at_s = plan, time_s
-            self._state = _State.CONTROLLING
-            if self._first_plan_m == math.inf:
-                self._first_plan_m = self._way_m(pose)
+            drive.plan, drive.planned_at_s = plan, time_s
+            drive.state = _State.CONTROLLING
+            if drive.first_plan_m == math.inf:
+                whole = self._global_planner.whole_plan(pose)
+                if whole is not None:
+                    drive.first_plan_m = math.fsum(lengths(np.diff(whole, axis=0)))
             self.local_planner.reset()
-            if self._trigger is _State.PLANNING:
-                self._recovery_index = 0
-        elif not self._checked_on_map:
-            self._checked_on_map = True
-            if self._global_planner.is_walled_off(goal, pose):
-                self._abort()
-        elif time_s - self._planning_since_s > PLANNER_PATIENCE_S:
-            if self._recovery_index > 0 and self._global_planner.is_covered:
-                self._abort()
+            if drive.trigger is _State.PLANNING:
+                drive.recovery_index = 0
+        elif not drive.checked_on_map:
+            drive.checked_on_map = True
+            if self._global_planner.is_walled_off(drive.goal, pose):
+                self._end(Status.ABORTED)
+        elif time_s - drive.planning_since_s > PLANNER_PATIENCE_S:
+            if drive.recovery_index > 0 and self._global_planner.is_covered:
+                self._end(Status.ABORTED)
             else:
-                self._clear_because(_State.PLANNING)
+                drive.state, drive.trigger = _State.CLEARING, _State.PLANNING
 
     def _follow(
-        self,
-        goal: tuple[float, float],
-        plan: Plan,
-        pose: Pose2D,
-        velocity: Command,
-        time_s: float,
-        has_new_scan: bool,
+        self, drive: _Drive, plan: Plan, pose: Pose2D, velocity: Command, time_s: float, has_new_scan: bool
     ) -> Command:
         settings = self.settings
-        if self._stop_rotate.has_arrived(goal, pose):
-            if self._stop_rotate.is_finished(self._goal_yaw, pose, velocity):
-                self._goal = None
-                self.status = Status.SUCCEEDED
+        if drive.stop_rotate.has_arrived(drive.goal, pose):
+            if drive.stop_rotate.is_finished(drive.yaw, pose, velocity):
+                self._end(Status.SUCCEEDED)
                 return STOP
-            command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
-        elif self._oscillates(pose, time_s):
-            self._clear_because(_State.CLEARING)
+            command = drive.stop_rotate.command(self.local_costmap, drive.yaw, pose, velocity)
+        elif self._oscillates(drive, pose, time_s):
+            drive.state = drive.trigger = _State.CLEARING
             return STOP
         else:
-            planned_ago_s = time_s - self._planned_at_s
+            planned_ago_s = time_s - drive.planned_at_s
             # Half a control period of slack locks planning to the scans' phase.
             if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
-                newer = self._global_planner.plan(goal, pose, time_s, self._window_m)
+                newer = self._global_planner.plan(drive.goal, pose, time_s, self._window_m)
                 plan = plan if newer is None else newer
-                self._plan, self._planned_at_s = plan, time_s
+                drive.plan, drive.planned_at_s = plan, time_s
             command = self.local_planner.command(self.local_costmap, plan, pose, velocity)
         if command is not None:
-            self._valid_command_at_s = time_s
-            if self._trigger is _State.CONTROLLING:
-                self._recovery_index = 0
+            drive.valid_command_at_s = time_s
+            if drive.trigger is _State.CONTROLLING:
+                drive.recovery_index = 0
             return command
-        if time_s - self._valid_command_at_s > settings.controller_patience_s:
-            self._clear_because(_State.CONTROLLING)
+        if time_s - drive.valid_command_at_s > settings.controller_patience_s:
+            drive.state, drive.trigger = _State.CLEARING, _State.CONTROLLING
         else:
-            self._state = _State.PLANNING
-            self._planning_since_s = time_s
+            drive.state, drive.planning_since_s = _State.PLANNING, time_s
             self._global_planner.invalidate_plan()
         return STOP
 
-    def _oscillates(self, pose: Pose2D, time_s: float) -> bool:
+    def _oscillates(self, drive: _Drive, pose: Pose2D, time_s: float) -> bool:
         """Whether the robot has stayed within the oscillation distance for too long."""
-        if pose.distance_to(self._moved_from) >= OSCILLATION_DISTANCE_M:
-            self._moved_from, self._moved_at_s = pose, time_s
-            if self._trigger is _State.CLEARING:
-                self._recovery_index = 0
-        return time_s - self._moved_at_s > OSCILLATION_TIMEOUT_S
+        if drive.moved_from is None or pose.distance_to(drive.moved_from) >= OSCILLATION_DISTANCE_M:
+            drive.moved_from, drive.moved_at_s = pose, time_s
+            if drive.trigger is _State.CLEARING:
+                drive.recovery_index = 0
+        return time_s - drive.moved_at_s > OSCILLATION_TIMEOUT_S
 
-    def _is_kept_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+    def _is_kept_off(self, drive: _Drive, pose: Pose2D) -> bool:
         """Whether the robot has been near the goal for too long, or has driven too far for it.
 
         Near is within the reach of the local window and without a wall of the map between: farther off, and
         behind a wall, the way may lead away from the goal at first. A LiDAR sees an obstacle's skin only, so
-        what stands on a goal may seem open from one side and then from another, and a robot drives to and fro
-        before it. That it drives is therefore no sign of progress. Round an obstacle wider than the window it
-        is never near; then the way that it has driven tells.
+        what stands on a goal may seem open from one side and then from another, and a robot that drives to
+        and fro before it makes no progress. Round an obstacle wider than the window it is never near; then
+        the way that it has driven tells.
         """
-        if self._driven_m > _WAYS * self._first_plan_m + _SPARE_M:
+        if drive.driven_m > _WAYS * drive.first_plan_m + _SPARE_M:
             return True
-        to_goal_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
-        if to_goal_m < self._window_m and self.global_costmap.is_open_between((pose.x, pose.y), goal):
-            self._near_s += self._period_s
-        return self._near_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
+        to_goal_m = math.hypot(drive.goal[0] - pose.x, drive.goal[1] - pose.y)
+        if to_goal_m < self._window_m and self.global_costmap.is_open_between((pose.x, pose.y), drive.goal):
+            drive.near_s += self._period_s
+        return drive.near_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
 
-    def _way_m(self, pose: Pose2D) -> float:
-        """Length of the whole plan from here, metres."""
-        plan = self._global_planner.whole_plan(pose)
-        return math.inf if plan is None else math.fsum(lengths(np.diff(plan, axis=0)))
-
-    def _clear_because(self, trigger: _State) -> None:
-        """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""
-        self._trigger = trigger
-        self._state = _State.CLEARING
-
-    def _recover(self, pose: Pose2D, time_s: float) -> Command:
-        if self._recovery_index >= len(CLEARED_OUTSIDE_M):
-            self._abort()
+    def _recover(self, drive: _Drive, pose: Pose2D, time_s: float) -> Command:
+        """Run the recovery that is due; then plan again."""
+        if drive.recovery_index >= len(CLEARED_OUTSIDE_M):
+            self._end(Status.ABORTED)
             return STOP
-        command: Command | None = None
-        side_m = CLEARED_OUTSIDE_M[self._recovery_index]
+        side_m = CLEARED_OUTSIDE_M[drive.recovery_index]
         if side_m is not None:
             self.local_costmap.clear_outside(pose.x, pose.y, side_m)
             self.global_costmap.clear_outside(pose.x, pose.y, side_m)
             self._global_planner.reset()
             self.recoveries += 1
         else:
-            if self._rotation is None:
-                local = self.settings.local_costmap
-                self._rotation = RotateRecovery(local.footprint, local.resolution, pose.yaw)
+            if drive.rotation is None:
+                drive.rotation = RotateRecovery(self.settings.local_costmap, pose.yaw)
                 self.recoveries += 1
-            command = self._rotation.command(self.local_costmap, pose)
-        if command is not None:
-            return command
-        self._rotation = None
-        self._recovery_index += 1
-        self._state = _State.PLANNING
-        self._planning_since_s = self._moved_at_s = time_s
+            command = drive.rotation.command(self.local_costmap, pose)
+            if command is not None:
+                return command
+        drive.rotation = None
+        drive.recovery_index += 1
+        drive.state = _State.PLANNING
+        drive.planning_since_s = drive.moved_at_s = time_s
         return STOP
 
-    def _abort(self) -> None:
-        self._goal = None
-        self.status = Status.ABORTED
-
-
-def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:
-    footprint, resolution = settings.local_costmap.footprint, settings.local_costmap.resolution
-    if settings.controller == "dwa":
-        return DwaPlanner(settings.dwa, footprint, settings.bare_footprint, resolution, period_s)
-    return TrajectoryRolloutPlanner(settings.rollout_limits, footprint, resolution)
+    def _end(self, status: Status) -> None:
+        self._drive = None
+        self.status = status
 
 
 class StopRotate:
-    """Latched stop and rotate of dwa_local_planner: takes over within the position tolerance, to a new goal.
+    """Latched stop and rotate of dwa_local_planner: takes over within the position tolerance of one goal.
 
     move_base looks for the latch among its own parameters, so that the planner's file cannot set it; here it
     is always on, since a robot that turns on the spot does not leave its place.
@@ -317,15 +301,11 @@ class StopRotate:
         self._planner = planner
         self._period_s = period_s
         self.is_at_position = False
-        """whether the robot has been within the position tolerance since the goal was set"""
+        """whether the robot has been within the position tolerance"""
         self._is_turning = False
 
-    def reset(self) -> None:
-        """Begin with a new goal."""
-        self.is_at_position = self._is_turning = False
-
-    def has_arrived(self, goal: tuple[float, float], pose: Pose2D) -> bool:
-        """Whether the robot is, or was since the goal was set, within the position tolerance."""
+    def has_arrived(self, goal: Point, pose: Pose2D) -> bool:
+        """Whether the robot is, or was before, within the position tolerance."""
         distance_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
         self.is_at_position = self.is_at_position or distance_m <= self._planner.limits.xy_goal_tolerance_m
         return self.is_at_position
@@ -366,8 +346,7 @@ def _is_standing(velocity: Command) -> bool:
 
 
 _ACCELERATION_RADPS2 = 3.2
-_FASTEST_RADPS = 1.0
-_SLOWEST_RADPS = 0.4
+_SLOWEST_RADPS, _FASTEST_RADPS = 0.4, 1.0
 _TOLERANCE_RAD = 0.10
 
 
@@ -378,8 +357,8 @@ class RotateRecovery:
     opposite heading and then of the first one, which a robot that turns fast between two looks can miss.
     """
 
-    def __init__(self, footprint: Footprint, resolution: float, yaw: float) -> None:
-        self._footprint_cells = corner_array(footprint) / resolution
+    def __init__(self, settings: CostmapSettings, yaw: float) -> None:
+        self._footprint_cells = corner_array(settings.footprint) / settings.resolution
         self._yaw = yaw
         self._turned_rad = 0.0
 
@@ -411,11 +390,10 @@ def compile_kernels() -> None:
         for tick in range(8):
             navigator.observe(pose, np.full(LDS_01.beams, 2.5), LDS_01, 0.2 * tick)
             navigator.control(pose, STOP, 0.2 * tick)
-        local = navigator.settings.local_costmap
-        RotateRecovery(local.footprint, local.resolution, pose.yaw).command(navigator.local_costmap, pose)
+        RotateRecovery(settings.local_costmap, pose.yaw).command(navigator.local_costmap, pose)
         navigator.local_costmap.published()
         # Shut in on all sides, DWA looks for a way off after two seconds.
         navigator.local_costmap.marks.fill(LETHAL)
-        navigator.local_costmap.clear_outside(pose.x, pose.y, 2.0 * local.size_m)
+        navigator.local_costmap.clear_outside(pose.x, pose.y, 2.0 * settings.local_costmap.size_m)
         for tick in range(16, 46):
             navigator.control(pose, STOP, 0.1 * tick)

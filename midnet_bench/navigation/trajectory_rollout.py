@@ -61,6 +61,7 @@ class TrajectoryRolloutPlanner(LocalPlanner):
         grids = self._grids(costmap, plan, pose, 0.0, clears_footprint=True)
         start = (*costmap.to_cells(pose.x, pose.y), float(pose.yaw))
         v, w = float(velocity[0]), float(velocity[1])
+        seen = costmap.costs, grids, start, (v, w)
         self._end_escape(pose)
         if self._escape_from is None:
             reach_v, reach_w = limits.acc_lim_x_mps2 * SIM_TIME_S, limits.acc_lim_theta_radps2 * SIM_TIME_S
@@ -71,10 +72,7 @@ class TrajectoryRolloutPlanner(LocalPlanner):
             left = min(limits.max_vel_theta_radps, w + reach_w)
             right = max(-limits.max_vel_theta_radps, w - reach_w)
             cost, speed, turn = search_rollouts(
-                costmap.costs,
-                grids,
-                start,
-                (v, w),
+                *seen,
                 np.linspace(slowest, fastest, VX_SAMPLES),
                 np.linspace(right, left, VTHETA_SAMPLES),
                 (self._only_side >= 0, self._only_side <= 0),
@@ -85,17 +83,7 @@ class TrajectoryRolloutPlanner(LocalPlanner):
             if cost >= 0.0:
                 self._note(speed, turn, pose)
                 return Command(float(speed), float(turn))
-        cost, *_ = roll_out(
-            costmap.costs,
-            grids,
-            start,
-            (v, w),
-            (ESCAPE_VEL_MPS, 0.0),
-            self._footprint_cells,
-            self._robot,
-            math.inf,
-        )
-        if cost == BLOCKED:
+        if roll_out(*seen, (ESCAPE_VEL_MPS, 0.0), self._footprint_cells, self._robot, math.inf)[0] == BLOCKED:
             return None
         if self._escape_from is None:
             self._escape_from = pose

@@ -13,7 +13,7 @@ from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, FrontierSettings
-from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
+from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -24,7 +24,7 @@ HALF_M = 1.5  # of the square room that everybody here stands in
 
 
 def explorer(start: Pose2D, number: int = 1) -> Explorer:
-    costmap = replace(burger_global(), track_unknown=True)
+    costmap = replace(BURGER_COSTMAP, track_unknown=True)
     return Explorer(
         number - 1,
         f"explorer {number}",

@@ -18,7 +18,7 @@ from midnet_bench.navigation.costmap import (
     static_costs,
     static_layer,
 )
-from midnet_bench.navigation.navigation_settings import CostmapSettings, burger_global, burger_local
+from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, CostmapSettings
 from midnet_bench.robots.burger import BURGER
 
 
@@ -123,7 +123,7 @@ def test_a_binary_image_is_not_taken_for_an_occupancy_grid() -> None:
 def test_footprint_radii_of_the_burger() -> None:
     assert footprint.radii(BURGER.footprint) == pytest.approx((0.041, 0.142127), abs=1e-6)
     assert footprint.radii(footprint.BURGER_PADDED) == pytest.approx((0.051, 0.156205), abs=1e-6)
-    assert burger_local().inscribed_radius_m == pytest.approx(0.081)
+    assert BURGER_COSTMAP.inscribed_radius_m == pytest.approx(0.081)
 
 
 def test_padding_leaves_zero_coordinates_alone() -> None:
@@ -139,4 +139,3 @@ def test_padding_leaves_zero_coordinates_alone() -> None:
 def test_impossible_settings_are_refused_by_name(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         CostmapSettings(**wrong)
-    assert burger_global(0.1).resolution == 0.1

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import STOP, Box, Command, Pose2D
 from midnet_bench.navigation import global_planner
-from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
+from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator, RotateRecovery, Status
 from midnet_bench.robots.burger import LDS_01
 from tests.navigation.planar_world import Robot, World, drive
@@ -222,7 +222,7 @@ def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
     pose = Pose2D(2.0, 2.0, 3.0)
     navigator.observe(pose, np.full(geometry.beams, 1.0), geometry, 0.0)
     local = navigator.settings.local_costmap
-    recovery = RotateRecovery(local.footprint, local.resolution, pose.yaw)
+    recovery = RotateRecovery(local, pose.yaw)
     turned = 0.0
     while (command := recovery.command(navigator.local_costmap, pose)) is not None:
         assert 0.4 <= command.angular_radps <= 1.0
@@ -232,7 +232,7 @@ def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
     column, row = (int(value) for value in navigator.local_costmap.to_cells(2.0 - 0.135, 2.0))
     navigator.local_costmap.marks[row, column] = 254
     navigator.local_costmap.clear_outside(2.0, 2.0, 9.0)
-    turn = RotateRecovery(local.footprint, local.resolution, math.pi / 2)
+    turn = RotateRecovery(local, math.pi / 2)
     assert turn.command(navigator.local_costmap, Pose2D(2.0, 2.0, math.pi / 2)) is None
 
 
@@ -259,7 +259,7 @@ def test_a_map_under_construction_can_be_exchanged_while_driving() -> None:
     grid = known.occupancy()
     partly = grid.data.copy()
     partly[:, grid.cell_at(2.0, 0.0)[0] :] = -1
-    settings = NavigatorSettings(global_costmap=dataclasses.replace(burger_global(), track_unknown=True))
+    settings = NavigatorSettings(global_costmap=dataclasses.replace(BURGER_COSTMAP, track_unknown=True))
     robot = Robot(Navigator(grid.with_data(partly), settings), Pose2D(0.6, 2.0, 0.0))
     robot.navigator.set_goal(3.2, 2.0)
 
@@ -315,6 +315,6 @@ for module in pkgutil.iter_modules(room.__path__):
     signatures = dict(line.split() for line in run.stdout.splitlines())
     # Those that others call have none of their own when they come from the cache.
     assert set(signatures.values()) <= {"0", "1"}
-    called = "best_velocity changed_near clear_polygon escape_velocity inflate integrate_scan local_grids"
+    called = "best_velocity changed_near clear_polygon distance_grids inflate integrate_scan"
     called += " path_down placed propagate roll_out search_rollouts turn_is_free"
     assert [name for name in called.split() if signatures[name] != "1"] == []
