@@ -75,27 +75,48 @@ def test_what_scans_one_second_apart_leave_marked(
     assert marked(costmap) == [(column, 0) for column in left]
 
 
-def test_a_hit_beyond_the_obstacle_range_clears_its_own_cell() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, obstacle_range_m=1.0))
-    look(costmap, [0.9])
-    assert marked(costmap) == [(18, 0)]
-    look(costmap, [1.4], pose=Pose2D(-0.475, 0.025, 0.0))
-    assert marked(costmap) == []
+@pytest.mark.parametrize(
+    ("changed", "scans", "left"),
+    [
+        pytest.param(
+            {"obstacle_range_m": 1.0},
+            [(1.025, 0.525, 0.9), (0.525, 0.525, 1.4)],
+            [],
+            id="a hit beyond the obstacle range clears its own cell",
+        ),
+        pytest.param(
+            {},
+            [(0.025, 0.525, 0.5), (-0.1, 0.525, 0.9)],
+            [(10, 10), (16, 10)],
+            id="a sensor off the map does not clear",
+        ),
+        pytest.param(
+            {"memory": "decay", "decay_s": 0.5, "obstacle_range_m": 0.6, "raytrace_range_m": 0.6},
+            [(0.225, 0.225, 0.5), (4.0, 4.0, math.inf)],
+            [],
+            id="marks decay far from the sensor too",
+        ),
+    ],
+)
+def test_what_scans_from_places_leave_on_a_whole_map(
+    changed: dict[str, Any], scans: list[tuple[float, float, float]], left: list[tuple[int, int]]
+) -> None:
+    costmap = GlobalCostmap(dataclasses.replace(BARE, **changed), empty_map(100))
+    for second, (x, y, distance) in enumerate(scans):
+        look(costmap, [distance], Pose2D(x, y, 0.0), float(second))
+    assert marked(costmap) == left
 
 
-def test_clearing_happens_before_marking_whatever_the_order_of_beams() -> None:
+def test_clearing_comes_before_marking_and_what_leaves_the_window_is_forgotten() -> None:
     geometry = dataclasses.replace(ONE_BEAM, beams=2, angle_increment_rad=0.001)
-    costmap = RollingCostmap(BARE)
+    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=4.5))
     for ranges in ([1.0, 2.0], [2.0, 1.0]):
         costmap.update(START, START, np.array(ranges), geometry, 0.0)
         assert sorted(marked(costmap)) == [(20, 0), (40, 0)]
-
-
-def test_a_sensor_off_the_map_marks_but_does_not_clear() -> None:
-    costmap = GlobalCostmap(BARE, empty_map())
-    look(costmap, [0.5], pose=Pose2D(0.025, 0.525, 0.0))
-    look(costmap, [0.9], pose=Pose2D(-0.1, 0.525, 0.0))
-    assert marked(costmap) == [(10, 10), (16, 10)]
+    look(costmap, [math.inf], pose=Pose2D(-0.475, 0.025, 0.0))
+    assert marked(costmap) == [(20, 0)]
+    look(costmap, [math.inf])
+    assert marked(costmap) == [(20, 0)]
 
 
 def test_beams_that_leave_the_map_are_clipped_to_its_edge() -> None:
@@ -147,12 +168,6 @@ def test_the_robot_frees_the_cells_it_stands_on(half_m: float, pose: Pose2D, wid
     assert (costmap.marks == 0).sum(axis=1).tolist() == widths
 
 
-def test_the_static_map_stays_under_the_footprint() -> None:
-    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint_clearing=True), empty_map(value=100))
-    look(costmap, [math.inf], pose=Pose2D(0.5, 0.5, 0.0))
-    assert (costmap.costs == 254).all()
-
-
 # Rolling
 
 
@@ -182,16 +197,6 @@ def test_a_centered_window_has_the_robot_in_its_middle_cell(xs: list[float]) -> 
         column, row = lattice.cell_at(x, -x)
         assert (costmap.column, costmap.row) == (column - 10, row - 10)
         assert costmap.origin == pytest.approx((0.013 + (column - 10) * 0.05, -0.4 + (row - 10) * 0.05))
-
-
-def test_what_leaves_the_window_is_forgotten() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=2.0))
-    look(costmap, [0.8])
-    look(costmap, [math.inf], pose=Pose2D(0.525, 0.025, 0.0))
-    assert marked(costmap) == [(16, 0)]
-    look(costmap, [math.inf], pose=Pose2D(2.025, 0.025, 0.0))
-    look(costmap, [math.inf])
-    assert marked(costmap) == []
 
 
 def test_a_published_window_is_a_cut_of_the_lattice() -> None:
@@ -277,17 +282,6 @@ def test_bounded_updates_equal_a_costmap_made_in_one_go(track_unknown: bool) -> 
             assert np.array_equal(costmap.costs, full_costs(costmap))
     costmap.clear_outside(2.0, 5.0, 3.0)
     assert np.array_equal(costmap.costs, full_costs(costmap))
-
-
-def test_marks_decay_everywhere_in_a_global_costmap() -> None:
-    settings = dataclasses.replace(
-        BARE, memory="decay", decay_s=0.5, obstacle_range_m=0.6, raytrace_range_m=0.6
-    )
-    costmap = GlobalCostmap(settings, empty_map(100))
-    look(costmap, [0.5], pose=Pose2D(0.225, 0.225, 0.0))
-    assert len(marked(costmap)) == 1
-    look(costmap, [math.inf], pose=Pose2D(4.0, 4.0, 0.0), time_s=1.0)
-    assert marked(costmap) == []
 
 
 def test_clearing_keeps_what_lies_strictly_inside_the_square() -> None:

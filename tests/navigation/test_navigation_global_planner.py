@@ -11,12 +11,14 @@ from scipy.ndimage import label
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.global_planner import potential_to, traversal_costs
 
+Floor = npt.NDArray[np.uint8]
 
-def grid_of(costs: npt.NDArray[np.uint8], resolution: float = 1.0) -> OccupancyGrid:
+
+def grid_of(costs: Floor, resolution: float = 1.0) -> OccupancyGrid:
     return OccupancyGrid(costs, resolution, (0.0, 0.0))
 
 
-def open_floor(height: int, width: int) -> npt.NDArray[np.uint8]:
+def open_floor(height: int, width: int) -> Floor:
     return np.zeros((height, width), dtype=np.uint8)
 
 
@@ -109,43 +111,62 @@ def test_a_path_exists_exactly_where_cells_connect_and_avoids_obstacles(seed: in
         if not (near == islands[goal[1], goal[0]]).any():
             assert potential.path_from(*at) is None
         return
-    path = potential.path_from(*at)
-    assert path is not None
-    assert path[0] == pytest.approx(at)
-    assert path[-1].tolist() == [goal[0] + 0.5, goal[1] + 0.5]
-    assert np.hypot(*np.diff(path, axis=0).T).max() <= 2.2
-    nearest = np.floor(path).astype(int)
+    found = potential.path_from(*at)
+    assert found is not None
+    assert found[0] == pytest.approx(at)
+    assert found[-1].tolist() == [goal[0] + 0.5, goal[1] + 0.5]
+    assert np.hypot(*np.diff(found, axis=0).T).max() <= 2.2
+    nearest = np.floor(found).astype(int)
     assert (costs[nearest[:, 1], nearest[:, 0]] < 253).all()
+
+
+def path(
+    costs: Floor,
+    goal: tuple[float, float],
+    start: tuple[float, float],
+    until_m: float = math.inf,
+    resolution: float = 1.0,
+) -> npt.NDArray[np.float64] | None:
+    """The way from ``start`` to ``goal`` over floor that holds both."""
+    potential = potential_to(goal, grid_of(costs, resolution))
+    assert potential is not None
+    return potential.path_from(*start, until_m)
+
+
+def length(points: npt.NDArray[np.float64]) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def test_a_plan_goes_through_cell_centres() -> None:
     costs = np.full((5, 40), 254, dtype=np.uint8)
     costs[2] = 0
-    potential = potential_to((3.525 * 0.05 / 0.05 * 0.05, 0.125), grid_of(costs, 0.05))
-    assert potential is not None
-    path = potential.path_from(1.80, 0.125)
-    assert path is not None
-    assert path[:, 1] == pytest.approx(np.full(len(path), 0.125))
+    found = path(costs, (0.17625, 0.125), (1.80, 0.125), resolution=0.05)
+    assert found is not None
+    assert found[:, 1] == pytest.approx(np.full(len(found), 0.125))
 
 
 def test_an_obstacle_dead_ahead_is_no_end_of_the_way() -> None:
     costs = open_floor(21, 41)
     costs[7:14, 20] = 254
-    potential = potential_to((5.5, 10.5), grid_of(costs))
-    assert potential is not None
-    path = potential.path_from(35.5, 10.5)
-    assert path is not None
-    assert len(path) < 120
-    assert (costs[np.floor(path[:, 1]).astype(int), np.floor(path[:, 0]).astype(int)] == 0).all()
+    found = path(costs, (5.5, 10.5), (35.5, 10.5))
+    assert found is not None
+    assert len(found) < 120
+    assert (costs[np.floor(found[:, 1]).astype(int), np.floor(found[:, 0]).astype(int)] == 0).all()
 
 
-def test_a_path_is_nearly_the_shortest_on_an_open_floor() -> None:
-    potential = potential_to((5.5, 5.5), grid_of(open_floor(60, 60)))
-    assert potential is not None
-    path = potential.path_from(50.0, 33.0)
-    assert path is not None
-    length = np.hypot(*np.diff(path, axis=0).T).sum()
-    assert length < 1.03 * math.hypot(44.5, 27.5)
+def test_a_path_is_nearly_the_shortest_on_an_open_floor_and_can_be_cut_at_a_distance() -> None:
+    whole = path(open_floor(60, 60), (5.5, 5.5), (50.0, 33.0))
+    assert whole is not None
+    assert length(whole) < 1.03 * math.hypot(44.5, 27.5)
+    cut = path(open_floor(60, 60), (5.5, 5.5), (50.0, 33.0), until_m=10.0)
+    assert cut is not None
+    distances = np.hypot(*(cut - (50.0, 33.0)).T)
+    assert (distances[:-1] <= 10.0).all()
+    assert 10.0 < distances[-1] <= 10.5
+    assert np.array_equal(cut, whole[: len(cut)])
+    short = path(open_floor(60, 60), (5.5, 5.5), (8.5, 5.5), until_m=10.0)
+    assert short is not None
+    assert short[-1].tolist() == [5.5, 5.5]
 
 
 def test_a_path_longer_than_four_widths_is_found_whole() -> None:
@@ -153,14 +174,12 @@ def test_a_path_longer_than_four_widths_is_found_whole() -> None:
     for k, row in enumerate(range(3, 200, 3)):
         costs[row] = 254
         costs[row, 1 if k % 2 else 10] = 0
-    potential = potential_to((5.5, 201.5), grid_of(costs))
-    assert potential is not None
-    path = potential.path_from(5.5, 1.5)
-    assert path is not None
-    assert np.hypot(*np.diff(path, axis=0).T).sum() > 500.0
+    found = path(costs, (5.5, 201.5), (5.5, 1.5))
+    assert found is not None
+    assert length(found) > 500.0
 
 
-def test_a_blocked_goal_gives_no_potential_without_tolerance() -> None:
+def test_a_blocked_goal_gives_way_to_the_nearest_open_cell_within_the_tolerance() -> None:
     costs = open_floor(20, 20)
     costs[8:13, 8:13] = 253
     assert potential_to((10.5, 10.5), grid_of(costs)) is None
@@ -175,32 +194,26 @@ def test_a_goal_off_the_map_or_on_its_border_gives_none(goal: tuple[float, float
     assert potential_to(goal, grid_of(open_floor(20, 20))) is None
 
 
-def test_a_start_off_the_map_has_no_path() -> None:
-    potential = potential_to((5.5, 5.5), grid_of(open_floor(20, 20)))
-    assert potential is not None
-    assert potential.path_from(-0.1, 5.0) is None
-    assert potential.path_from(5.0, 20.1) is None
-
-
-def test_a_robot_in_an_inflated_cell_finds_its_way_out() -> None:
+@pytest.mark.parametrize(
+    ("cost", "columns", "goal", "start", "is_found"),
+    [
+        pytest.param(0, (0, 0), (5.5, 5.5), (-0.1, 5.0), False, id="start west of the map"),
+        pytest.param(0, (0, 0), (5.5, 5.5), (5.0, 20.1), False, id="start north of the map"),
+        pytest.param(253, (8, 11), (15.5, 10.5), (9.5, 10.5), True, id="out of an inflated cell"),
+        pytest.param(253, (2, 11), (15.5, 10.5), (4.5, 10.5), False, id="too deep in inflated cells"),
+        pytest.param(255, (9, 11), (15.5, 10.5), (3.5, 10.5), True, id="across unknown cells"),
+    ],
+)
+def test_where_a_path_may_begin_and_go(
+    cost: int,
+    columns: tuple[int, int],
+    goal: tuple[float, float],
+    start: tuple[float, float],
+    is_found: bool,
+) -> None:
     costs = open_floor(20, 20)
-    costs[:, 8:11] = 253
-    potential = potential_to((15.5, 10.5), grid_of(costs))
-    assert potential is not None
-    path = potential.path_from(9.5, 10.5)
-    assert path is not None
-    costs[:, 2:11] = 253
-    potential = potential_to((15.5, 10.5), grid_of(costs))
-    assert potential is not None
-    assert potential.path_from(4.5, 10.5) is None
-
-
-def test_unknown_cells_are_crossed() -> None:
-    costs = open_floor(20, 20)
-    costs[:, 9:11] = 255
-    potential = potential_to((15.5, 10.5), grid_of(costs))
-    assert potential is not None
-    assert potential.path_from(3.5, 10.5) is not None
+    costs[:, slice(*columns)] = cost
+    assert (path(costs, goal, start) is not None) == is_found
 
 
 def test_a_wave_that_ends_near_the_robot_gives_the_same_way() -> None:
@@ -218,16 +231,3 @@ def test_a_wave_that_ends_near_the_robot_gives_the_same_way() -> None:
         assert here is not None
         assert np.array_equal(there, here)
     assert near.path_from(145.0, 145.0) is None
-
-
-def test_a_path_can_be_cut_at_a_distance() -> None:
-    potential = potential_to((5.5, 5.5), grid_of(open_floor(60, 60)))
-    assert potential is not None
-    path = potential.path_from(50.5, 5.5, until_m=10.0)
-    assert path is not None
-    distances = np.hypot(path[:, 0] - 50.5, path[:, 1] - 5.5)
-    assert (distances[:-1] <= 10.0).all()
-    assert 10.0 < distances[-1] <= 10.5
-    short = potential.path_from(8.5, 5.5, until_m=10.0)
-    assert short is not None
-    assert short[-1].tolist() == [5.5, 5.5]

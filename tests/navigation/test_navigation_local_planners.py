@@ -287,31 +287,20 @@ def straight_plan(x: float, y: float, length_m: float = 1.4) -> npt.NDArray[np.f
     )
 
 
-def test_dwa_drives_straight_along_a_free_plan() -> None:
-    command = dwa().command(
-        room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 0.0), Command(0.18, 0.0)
-    )
+@pytest.mark.parametrize(
+    ("yaw", "velocity"), [(0.0, (0.18, 0.0)), (3.0, (0.0, 0.0)), (0.4, (0.1, 1.0)), (0.4, (-0.15, -1.7))]
+)
+def test_dwa_drives_on_within_what_can_be_reached(yaw: float, velocity: tuple[float, float]) -> None:
+    """Straight ahead it neither slows down nor turns; from rest it never turns on the spot."""
+    planner = dwa(acc_lim_x_mps2=0.5)
+    pose, plan = Pose2D(1.01, 2.02, yaw), straight_plan(1.01, 2.02)
+    command = planner.command(room(1.01, 2.02), plan, pose, Command(*velocity))
     assert command is not None
-    assert command.linear_mps == pytest.approx(0.18, abs=0.03)
-    assert abs(command.angular_radps) < 0.2
-
-
-def test_dwa_stays_within_what_can_be_reached() -> None:
-    for v, w in ((0.0, 0.0), (0.1, 1.0), (-0.15, -1.7)):
-        command = dwa(acc_lim_x_mps2=0.5).command(
-            room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 0.4), Command(v, w)
-        )
-        if command is not None:
-            assert abs(command.linear_mps - v) <= 0.05 + 1e-9
-            assert abs(command.angular_radps - w) <= 0.2 + 1e-9
-
-
-def test_from_rest_dwa_never_turns_on_the_spot() -> None:
-    command = dwa().command(
-        room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 3.0), Command(0.0, 0.0)
-    )
-    assert command is not None
+    assert np.abs(np.subtract(command, velocity)).tolist() <= [0.05 + 1e-9, 0.2 + 1e-9]
     assert abs(command.linear_mps) >= 0.05 - 1e-4
+    if yaw == 0.0:
+        assert command.linear_mps == pytest.approx(0.18, abs=0.03)
+        assert abs(command.angular_radps) < 0.2
 
 
 def test_dwa_finds_nothing_when_the_way_is_walled_off_in_the_window() -> None:
