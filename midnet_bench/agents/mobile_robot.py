@@ -40,8 +40,8 @@ class MobileRobot:
     ) -> None:
         """A robot at rest at ``start``, body ``index`` of its world.
 
-        Without a ``ukf`` it believes its odometry as it is, which is its true pose (``localization: truth``).
-        With ``scan_to_map`` its scans correct the pose filter (``ukf+map``).
+        Without a ``ukf`` it believes its odometry, which is its true pose (``localization: truth``); with
+        ``scan_to_map`` its scans correct the pose filter (``ukf+map``).
         """
         self.index = index
         self.name = name
@@ -128,7 +128,7 @@ class Guard(MobileRobot):
 
 
 class Localizer:
-    """Steps the pose filters of all robots that are due in one compiled call; no filter knows of another."""
+    """Steps the pose filters of all robots that are due in one compiled call."""
 
     def __init__(self, robots: Sequence[MobileRobot]) -> None:
         """``robots`` in the order of the rows that ``step`` takes; all have a pose filter, or none."""

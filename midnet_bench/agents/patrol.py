@@ -17,8 +17,8 @@ DRIVABLE_M = 0.15
 """How near to an occupied cell a robot's centre may come: the reach of a Burger's footprint, 0.1485 m, in
 whole cells of 5 cm. One that reaches farther keeps its own reach."""
 
-DRAWS_PER_RELAXATION = 200
-RELAXATION = 0.9  # After so many failed draws z shrinks by this factor (item 59).
+DRAWS_PER_RELAXATION, RELAXATION = 200, 0.9
+"""After so many failed draws z shrinks by this factor (item 59)."""
 
 
 def safe_distance(diagonal_m: float, robots: int, z_factor: float = PatrolSettings().z_factor) -> float:
@@ -36,17 +36,8 @@ def patrol_points(
     """(n, 2) cell centres, metres, map frame, that a patrol may be sent to.
 
     They lie inside the enclosure (its sides in x and y, centred on the map frame's origin), at least
-    ``clearance_m`` from the centre of every occupied cell, and where a robot can drive from ``start``.
-
-    Args:
-        prior_map: int8 published occupancy, 100 occupied.
-        start: (x, y) of a guard.
-        enclosure_m: sides of the enclosed area.
-        clearance_m: the third condition's distance.
-        reach_m: of a guard's footprint from its axle.
-
-    Raises:
-        InputError: there is no such cell.
+    ``clearance_m`` from the centre of every occupied cell, and where a guard whose footprint reaches
+    ``reach_m`` from its axle can drive from ``start``. Raises InputError if there is no such cell.
     """
     distance_m = cells_to_unset(prior_map.data != OCCUPIED) * prior_map.resolution
     x, y = prior_map.x_centers, prior_map.y_centers

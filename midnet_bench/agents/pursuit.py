@@ -1,8 +1,7 @@
 """What guards may pursue, the rules that send guards after it, and those that come with the package.
 
 A target is a track of MIDNet's boxes. No truth says whether there is an intruder behind it, whether it was
-caught, or whether two tracks are one intruder (items 53, 54). Distances are straight lines between what it
-knows: the estimated poses of the guards, and where the latest boxes of the targets were.
+caught, or whether two tracks are one intruder (items 53, 54).
 """
 
 import math
@@ -56,13 +55,8 @@ class PursuitRule(Protocol):
     def pursue(self, team: Team, targets: Targets, time_s: float) -> Mapping[int, int]:
         """For each guard that is to pursue now, its target; the others patrol.
 
-        It is called at each frame at which there is a target. Targets that were not seen for a while, or not
-        found where they should be, are gone before.
-
-        Args:
-            team: every guard; a guard is known by its place in it.
-            targets: tracks of boxes by their numbers, which count up and do not come again.
-            time_s: of the frame, more at each call.
+        It is called at each frame at which there is a target, with every guard, known by its place in
+        ``team``, and the tracks of boxes by their numbers, which count up and do not come again.
         """
 
 
@@ -110,10 +104,7 @@ class Pursuit:
         return [guard for known in self.targets.values() for guard in known.pursuers]
 
     def see(self, places: Sequence[Point], time_s: float) -> list[int]:
-        """Take the centres of a frame's fused boxes, map frame, metres; for each, its target.
-
-        A target is new where its number is higher than all before.
-        """
+        """Take the centres of a frame's fused boxes, map frame, metres; for each, its target's number."""
         targets = self._tracker.update(places, time_s)
         for target, place in zip(targets, places, strict=True):
             self.detected(target, place, time_s)
@@ -156,11 +147,11 @@ class Pursuit:
                 continue
             if before is not None:
                 before.pursuers.remove(guard)
-            if target is not None:
+            if target is None:
+                guard.cancel_goal()
+            else:
                 target.pursuers.append(guard)
                 guard.drive_to(target.place)
-            else:
-                guard.cancel_goal()
 
     def _is_gone(self, known: Target, time_s: float) -> bool:
         unseen_s = time_s - known.seen_s

@@ -40,13 +40,6 @@ def test_points_keep_forty_centimetres_from_occupied_cells() -> None:
     assert np.abs(drawn).max() > 3.0 - 0.025 - 0.4 - 0.05
 
 
-def test_walled_off_cells_are_no_patrol_points() -> None:
-    grid = room(6.0)
-    grid.data[:, 60] = 100
-    assert patrol_points(grid, (-1.0, 0.0), (6.0, 6.0))[:, 0].max() < 0.0
-    assert patrol_points(grid, (1.0, 0.0), (6.0, 6.0))[:, 0].min() > 0.0
-
-
 def test_guards_too_wide_for_a_door_patrol_on_their_side_of_it() -> None:
     grid = room(6.0)
     grid.data[:, 60] = 100

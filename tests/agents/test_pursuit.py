@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
 from midnet_bench.agents.mobile_robot import Guard, GuardState
 from midnet_bench.agents.pursuit import Pursuit, TargetState, TeamPursuit
-from midnet_bench.errors import InputError
 from midnet_bench.geometry import Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator
@@ -120,12 +119,9 @@ HEAD = "class Mine:\n    def __init__(self, prior_map, rng): pass\n"
     ("gives", "says"),
     [
         ("[0]", "pursue gave list; give a dict"),
-        ("None", "pursue gave NoneType; give a dict"),
         ("{2: 7}", "pursue gave a guard 2; there are 0 to 1"),
-        ("{-1: 7}", "pursue gave a guard -1; there are 0 to 1"),
         ("{'guard 1': 7}", "pursue gave a guard 'guard 1'; there are 0 to 1"),
         ("{0: 8}", "pursue gave guard 0 a target 8; there are 7"),
-        ("{0: None}", "pursue gave guard 0 a target None; there are 7"),
         ("{0: [7]}", "TypeError: unhashable type: 'list'"),
         ("self.nothing", "AttributeError: 'Mine' object has no attribute 'nothing'"),
     ],
@@ -140,11 +136,6 @@ def test_what_comes_from_outside_is_watched(
         rule(name).pursue(team_at(0.0, 1.0), targets_at(t7=2.0), 0.2)
     assert says in str(caught.value)
     assert str(caught.value).startswith(f"pursuit {name}: ")
-
-
-def test_a_class_for_another_seam_is_refused() -> None:
-    with pytest.raises(InputError, match="expected a class with a method 'pursue'"):
-        PURSUITS.pinned("midnet_bench.detectors.fusions:NoFusion")
 
 
 def pursuing(rule_name: str, *places: Point) -> tuple[Pursuit, list[Guard]]:
@@ -170,12 +161,6 @@ Step = tuple[float, dict[int, Point], list[Point | None]]
         ),
         pytest.param(
             "nearest",
-            [(-3.0, 0.0), (0.0, 0.0)],
-            [(0.2, {7: (1.0, 0.0), 8: (2.0, 0.0)}, [(2.0, 0.0), (1.0, 0.0)])],
-            id="two targets get a guard each",
-        ),
-        pytest.param(
-            "nearest",
             [(0.0, 0.0), (3.0, 0.0)],
             [
                 (0.2, {7: (1.0, 0.0)}, [(1.0, 0.0), None]),
@@ -190,13 +175,6 @@ Step = tuple[float, dict[int, Point], list[Point | None]]
             [(0.2, {7: (1.0, 0.0)}, [(1.0, 0.0)]), (3.2, {}, [(1.0, 0.0)]), (3.4, {}, [None])],
             id="a target out of sight is given up",
         ),
-        pytest.param(
-            "all",
-            [(-3.0, 0.0), (3.0, 0.0)],
-            [(0.2, {7: (-2.0, 0.0), 8: (2.0, 0.0)}, [(-2.0, 0.0), (2.0, 0.0)])],
-            id="every guard goes after the nearest one",
-        ),
-        pytest.param("none", [(0.0, 0.0)], [(0.2, {7: (1.0, 0.0)}, [None])], id="no guard goes"),
         pytest.param(
             "assignment",
             [(0.0, 0.0), (-3.0, 0.0)],
