@@ -94,7 +94,6 @@ class Costmap(ABC):
         self._marked_at_s = np.full((height, width), -math.inf)
         cleared = settings.footprint if settings.footprint_clearing else ()
         self._footprint_cells = corner_array(cleared) / settings.resolution
-        self._marked = np.empty(0, dtype=np.int64)
         self._raytrace_cells = reach_cells(settings.raytrace_range_m, settings.resolution)
         self._lattice = (float(lattice_origin[0]), float(lattice_origin[1]), float(settings.resolution))
 
@@ -142,9 +141,7 @@ class Costmap(ABC):
                 self.marks.fill(self._unseen)
             is_old = self._marked_at_s < time_s - settings.memory_s
             self.marks[(self.marks == LETHAL) & is_old] = FREE_SPACE
-        if len(self._marked) < len(ranges_m):
-            self._marked = np.empty(len(ranges_m), dtype=np.int64)
-        count = integrate_scan(
+        marked = integrate_scan(
             self.marks,
             self._lattice,
             (self.column, self.row),
@@ -156,10 +153,9 @@ class Costmap(ABC):
             settings.inf_is_valid,
             pose[:],
             self._footprint_cells,
-            self._marked,
         )
         if not self._remembers_for_ever:
-            self._marked_at_s.reshape(-1)[self._marked[:count]] = time_s
+            self._marked_at_s.reshape(-1)[marked] = time_s
         self._invalidate(sensor_pose)
 
     def clear_outside(self, x: float, y: float, side_m: float) -> None:
@@ -470,17 +466,15 @@ def integrate_scan(
     inf_is_valid: bool,
     base: tuple[float, float, float],
     footprint: Floats,
-    marked: npt.NDArray[np.int64],
-) -> int:
-    """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
+) -> npt.NDArray[np.int64]:
+    """Clear along every beam, then mark every hit, then free the footprint; the flat indices marked.
 
     ``lattice``: x, y of its origin and the side of a cell, metres; ``corner``: column and row on it of the
     grid's lower-left corner. ``sensor`` and ``base``: poses of LiDAR and robot. ``ranges``: (B,) metres;
     ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. ``range_limits``: least and
     largest range and the obstacle range, metres. A range outside [least, largest) neither clears nor marks,
     except that +inf clears under ``inf_is_valid``. A hit at the obstacle range exactly is not marked.
-    ``footprint``: (N, 2) cells, corners in the base frame; empty to clear none. ``marked``: (B,), takes the
-    flat indices of the marked cells.
+    ``footprint``: (N, 2) cells, corners in the base frame; empty to clear none.
     """
     height, width = cells.shape
     flat = cells.reshape(-1)
@@ -492,6 +486,7 @@ def integrate_scan(
     inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
     start_x, start_y = int(sensor_x), int(sensor_y)
     pulled_in = 0.001 / resolution
+    marked = np.empty(len(ranges), dtype=np.int64)
     count = 0
     last_end = -1
     for i in range(len(ranges)):
@@ -528,7 +523,7 @@ def integrate_scan(
         base_x = (base[0] - lattice[0]) / resolution - corner[0]
         base_y = (base[1] - lattice[1]) / resolution - corner[1]
         clear_polygon(cells, placed(footprint, (base_x, base_y, base[2])))
-    return count
+    return marked[:count]
 
 
 @njit

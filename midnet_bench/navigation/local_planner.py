@@ -43,7 +43,7 @@ class LocalPlanner(ABC):
         self, limits: LocalPlannerLimits, sim_time_s: float, footprint: Footprint, resolution: float
     ) -> None:
         self.limits = limits
-        self._sim_time_s = sim_time_s
+        self.sim_time_s = sim_time_s
         self._footprint_cells = corner_array(footprint) / resolution
         self._gridded: tuple[Cells, Plan] | None = None
         """costs and plan that the newest grids are of"""
@@ -57,11 +57,10 @@ class LocalPlanner(ABC):
     def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
         """The velocity to drive now; None when no motion is legal."""
 
-    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
-        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
+    def can_turn(self, costmap: RollingCostmap, pose: Pose2D, angle_rad: float) -> bool:
+        """Whether the outline stays off obstacles while the robot turns on the spot by this angle."""
         x, y = costmap.to_cells(pose.x, pose.y)
-        angle = float(turn_radps) * self._sim_time_s
-        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
+        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle_rad, self._footprint_cells))
 
     def _grids(
         self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, forward_m: float, clears_footprint: bool

@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import STOP, Command, LidarGeometry, Point, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostmap, corner_array
+from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostmap
 from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
-from midnet_bench.navigation.local_planner import LocalPlanner, Plan, turn_is_free
-from midnet_bench.navigation.navigation_settings import CostmapSettings, NavigatorSettings
+from midnet_bench.navigation.local_planner import LocalPlanner, Plan
+from midnet_bench.navigation.navigation_settings import NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import LDS_01
 
@@ -274,7 +274,7 @@ class Navigator:
             self.recoveries += 1
         else:
             if drive.rotation is None:
-                drive.rotation = RotateRecovery(self.settings.local_costmap, pose.yaw)
+                drive.rotation = RotateRecovery(self.local_planner, pose.yaw)
                 self.recoveries += 1
             command = drive.rotation.command(self.local_costmap, pose)
             if command is not None:
@@ -338,7 +338,8 @@ class StopRotate:
         # no faster than the robot can brake in what is left of the turn
         speed = min(speed, math.sqrt(2.0 * limits.acc_lim_theta_radps2 * abs(angle)))
         turn = math.copysign(min(max(speed, slowest), fastest), angle)
-        return Command(0.0, turn) if self._planner.turn_is_legal(costmap, pose, turn) else None
+        can_turn = self._planner.can_turn(costmap, pose, turn * self._planner.sim_time_s)
+        return Command(0.0, turn) if can_turn else None
 
 
 def _is_standing(velocity: Command) -> bool:
@@ -357,8 +358,8 @@ class RotateRecovery:
     opposite heading and then of the first one, which a robot that turns fast between two looks can miss.
     """
 
-    def __init__(self, settings: CostmapSettings, yaw: float) -> None:
-        self._footprint_cells = corner_array(settings.footprint) / settings.resolution
+    def __init__(self, planner: LocalPlanner, yaw: float) -> None:
+        self._planner = planner
         self._yaw = yaw
         self._turned_rad = 0.0
 
@@ -367,10 +368,7 @@ class RotateRecovery:
         self._turned_rad += wrap_angle(pose.yaw - self._yaw)
         self._yaw = pose.yaw
         left = 2.0 * math.pi - self._turned_rad
-        if left <= _TOLERANCE_RAD:
-            return None
-        x, y = costmap.to_cells(pose.x, pose.y)
-        if not turn_is_free(costmap.costs, x, y, float(pose.yaw), left, self._footprint_cells):
+        if left <= _TOLERANCE_RAD or not self._planner.can_turn(costmap, pose, left):
             return None
         speed = math.sqrt(2.0 * _ACCELERATION_RADPS2 * left)
         return Command(0.0, min(max(speed, _SLOWEST_RADPS), _FASTEST_RADPS))
@@ -390,7 +388,7 @@ def compile_kernels() -> None:
         for tick in range(8):
             navigator.observe(pose, np.full(LDS_01.beams, 2.5), LDS_01, 0.2 * tick)
             navigator.control(pose, STOP, 0.2 * tick)
-        RotateRecovery(settings.local_costmap, pose.yaw).command(navigator.local_costmap, pose)
+        RotateRecovery(navigator.local_planner, pose.yaw).command(navigator.local_costmap, pose)
         navigator.local_costmap.published()
         # Shut in on all sides, DWA looks for a way off after two seconds.
         navigator.local_costmap.marks.fill(LETHAL)

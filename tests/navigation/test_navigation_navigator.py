@@ -201,8 +201,7 @@ def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
     geometry = LDS_01
     pose = Pose2D(2.0, 2.0, 3.0)
     navigator.observe(pose, np.full(geometry.beams, 1.0), geometry, 0.0)
-    local = navigator.settings.local_costmap
-    recovery = RotateRecovery(local, pose.yaw)
+    recovery = RotateRecovery(navigator.local_planner, pose.yaw)
     turned = 0.0
     while (command := recovery.command(navigator.local_costmap, pose)) is not None:
         assert 0.4 <= command.angular_radps <= 1.0
@@ -212,7 +211,7 @@ def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
     column, row = (int(value) for value in navigator.local_costmap.to_cells(2.0 - 0.135, 2.0))
     navigator.local_costmap.marks[row, column] = 254
     navigator.local_costmap.clear_outside(2.0, 2.0, 9.0)
-    turn = RotateRecovery(local, math.pi / 2)
+    turn = RotateRecovery(navigator.local_planner, math.pi / 2)
     assert turn.command(navigator.local_costmap, Pose2D(2.0, 2.0, math.pi / 2)) is None
 
 
