@@ -254,7 +254,8 @@ class GlobalCostmap(Costmap):
         farthest_m = max(settings.raytrace_range_m, settings.obstacle_range_m)
         self._scan_cells = 1 + reach_cells(farthest_m, settings.resolution)
         self.set_static(static_map)
-        self._touched = None  # without any obstacle the costs are the static ones
+        self._touched: tuple[int, int, int, int] | None = None
+        """the rectangle that scans have touched since the newest inflation"""
 
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Put another static map (int8, -1 to 100) below the obstacles; marks stay where they are.
@@ -275,7 +276,7 @@ class GlobalCostmap(Costmap):
         )
         """what the costs would be without any obstacle"""
         self._costs = self.static_costs.copy()
-        self._touched: tuple[int, int, int, int] | None = (0, 0, static_map.width, static_map.height)
+        self._touched = (0, 0, static_map.width, static_map.height)
 
     @property
     def costs(self) -> Cells:
@@ -410,17 +411,21 @@ def is_open_line(cells: Cells, x0: float, y0: float, x1: float, y1: float) -> bo
 
 
 @njit
-def clear_polygon(cells: Cells, corners: Floats) -> None:
-    """Set the cells of a convex polygon free; nothing if a corner is off the grid or they are fewer than 3.
+def clear_footprint(cells: Cells, footprint: Floats, pose: tuple[float, float, float]) -> None:
+    """Set the cells under a convex footprint free; nothing if a corner is off the grid or they are under 3.
 
-    ``corners``: (N, 2) in cells from the grid's lower-left corner. Each column is filled between the
-    outline's lowest and highest cell.
+    ``footprint``: (N, 2) in cells in the frame of ``pose`` (x, y in cells from the grid's lower-left corner,
+    yaw). Each column is filled between the outline's lowest and highest cell.
     """
     height, width = cells.shape
-    n = len(corners)
+    n = len(footprint)
     if n < 3:
         return
+    c, s = cos_sin(pose[2])
+    corners = np.empty_like(footprint)
     for i in range(n):
+        corners[i, 0] = pose[0] + c * footprint[i, 0] - s * footprint[i, 1]
+        corners[i, 1] = pose[1] + s * footprint[i, 0] + c * footprint[i, 1]
         # not "x < 0 or x >= width", which lets a NaN through
         if not (0.0 <= corners[i, 0] < width and 0.0 <= corners[i, 1] < height):
             return
@@ -439,18 +444,6 @@ def clear_polygon(cells: Cells, corners: Floats) -> None:
     for x in range(width):
         for y in range(lowest[x], highest[x] + 1):
             cells[y, x] = FREE_SPACE
-
-
-@njit
-def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
-    """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
-    x, y, yaw = pose
-    c, s = cos_sin(yaw)
-    moved = np.empty_like(corners)
-    for i in range(len(corners)):
-        moved[i, 0] = x + c * corners[i, 0] - s * corners[i, 1]
-        moved[i, 1] = y + s * corners[i, 0] + c * corners[i, 1]
-    return moved
 
 
 @njit
@@ -519,10 +512,9 @@ def integrate_scan(
             clear_line(flat, width, start_x, start_y, end_x, end_y, raytrace_cells)
     for i in range(count):
         flat[marked[i]] = LETHAL
-    if len(footprint) > 0:
-        base_x = (base[0] - lattice[0]) / resolution - corner[0]
-        base_y = (base[1] - lattice[1]) / resolution - corner[1]
-        clear_polygon(cells, placed(footprint, (base_x, base_y, base[2])))
+    base_x = (base[0] - lattice[0]) / resolution - corner[0]
+    base_y = (base[1] - lattice[1]) / resolution - corner[1]
+    clear_footprint(cells, footprint, (base_x, base_y, base[2]))
     return marked[:count]
 
 

@@ -16,11 +16,10 @@ from midnet_bench.navigation.costmap import (
     Cells,
     Floats,
     RollingCostmap,
-    clear_polygon,
+    clear_footprint,
     corner_array,
     line_steps,
     next_cell,
-    placed,
 )
 from midnet_bench.navigation.navigation_settings import Footprint, LocalPlannerLimits
 
@@ -75,7 +74,7 @@ class LocalPlanner(ABC):
             if clears_footprint:
                 costs = costs.copy()
                 at = (*costmap.to_cells(pose.x, pose.y), pose.yaw)
-                clear_polygon(costs, placed(self._footprint_cells, at))
+                clear_footprint(costs, self._footprint_cells, at)
             resolution, robot = costmap.settings.resolution, (pose.x, pose.y)
             self._newest_grids = distance_grids(costs, plan, costmap.origin, resolution, robot, forward_m)
         return self._newest_grids

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -6,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
-from midnet_bench.geometry import STOP, Pose2D
+from midnet_bench.geometry import STOP, Box, Pose2D
 from midnet_bench.grid import MapWindow
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf
@@ -17,6 +18,7 @@ from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, Navigato
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
+from tests.navigation.planar_world import World
 
 LIDAR = LDS_01
 AREA = MapWindow.around_origin(8.0, 4.0, 0.05)
@@ -43,25 +45,14 @@ def stay(robot: Explorer, place: Pose2D) -> None:
     robot.localize(place, (0.0, 0.0))
 
 
-def room_scan(
-    pose: Pose2D, door: bool = False, mate: tuple[float, float] | None = None
-) -> npt.NDArray[np.float64]:
-    """(360,) what the LiDAR at ``pose`` sees of the room, of a door in its east wall and of a mate's disc."""
-    sensor = pose.compose(LIDAR.mount)
-    bearings = sensor.yaw + LIDAR.angles_rad
-    dx, dy = np.cos(bearings), np.sin(bearings)
-    with np.errstate(divide="ignore"):
-        to_x = np.where(dx >= 0, HALF_M - sensor.x, -HALF_M - sensor.x) / dx
-        to_y = np.where(dy >= 0, HALF_M - sensor.y, -HALF_M - sensor.y) / dy
-    ranges = np.minimum(to_x, to_y)
-    if door:
-        through = (to_x < to_y) & (dx > 0) & (np.abs(sensor.y + to_x * dy) < 0.6)
-        ranges[through] = np.inf
-    if mate is not None:
-        along = (mate[0] - sensor.x) * dx + (mate[1] - sensor.y) * dy
-        beside = np.abs((mate[0] - sensor.x) * dy - (mate[1] - sensor.y) * dx)
-        ranges[(along > 0) & (beside < 0.055)] = math.hypot(mate[0] - sensor.x, mate[1] - sensor.y) - 0.055
-    return np.asarray(ranges)
+def room_scan(pose: Pose2D, door: bool = False, mates: Sequence[Pose2D] = ()) -> npt.NDArray[np.float64]:
+    """(360,) what the LiDAR at ``pose`` sees of the room, of a door in its east wall and of mates."""
+    near, far = HALF_M, HALF_M + 0.1
+    walls = [Box(-far, -far, far, -near), Box(-far, near, far, far), Box(-far, -far, -near, far)]
+    walls += [Box(near, -far, far, -0.6), Box(near, 0.6, far, far)]
+    if not door:
+        walls.append(Box(near, -0.6, far, 0.6))
+    return World(walls, Box(-far, -far, far, far)).scan(pose, list(mates), LIDAR)
 
 
 @pytest.mark.slow
@@ -102,7 +93,7 @@ def test_a_mate_that_stands_in_the_room_does_not_become_a_wall() -> None:
     start, place = Pose2D(-0.5, 0.0, 0.0), Pose2D(0.5, 0.2, 0.0)
     alone, robot, mate = explorer(start), explorer(start), explorer(place, 2)
     robot.mates = [mate]
-    scan = room_scan(start, mate=(place.x, place.y))
+    scan = room_scan(start, mates=[place])
     occupied = []
     for each in (alone, robot):
         stay(each, start)

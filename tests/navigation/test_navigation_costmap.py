@@ -16,8 +16,8 @@ from midnet_bench.navigation.costmap import (
     GlobalCostmap,
     Inflation,
     RollingCostmap,
+    clear_footprint,
     clear_line,
-    clear_polygon,
     is_open_line,
 )
 from midnet_bench.navigation.navigation_settings import CostmapSettings
@@ -252,7 +252,9 @@ def test_a_scan_needs_one_range_for_each_beam(count: int) -> None:
 
 def test_a_footprint_at_a_pose_that_is_no_number_frees_nothing() -> None:
     cells = np.full((20, 20), 254, dtype=np.uint8)
-    clear_polygon(cells, np.array([(2.0, 2.0), (math.nan, 5.0), (5.0, math.nan)]))
+    triangle = np.array([(2.0, 2.0), (2.0, 5.0), (5.0, 2.0)])
+    for pose in ((math.nan, 0.0, 0.0), (0.0, math.nan, 0.0), (0.0, 0.0, math.nan)):
+        clear_footprint(cells, triangle, pose)
     assert (cells == 254).all()
 
 
