@@ -135,14 +135,6 @@ def test_noise_free_messages_lead_along_the_truth(source):
     assert ukf.velocity == pytest.approx((step.v, step.w), abs=1e-3)
 
 
-@pytest.mark.parametrize("source", ["world", "encoder"])
-def test_a_moving_robot_is_not_left_a_part_of_a_step_behind(source):
-    ukf = Robot(Pose2D(0.0, 0.0, 0.0), UkfSettings().suited_to(source))
-    for step in drive([(0.22, 0.0)] * 50):
-        estimate = ukf.step(*exact(step, source), DT_S)
-    assert abs(estimate.x - step.pose.x) < 0.002  # a step is 0.022
-
-
 @pytest.mark.slow
 def test_an_hour_of_driving_stays_finite_and_positive_definite():
     rng = stream(7, "hour")
