@@ -203,7 +203,7 @@ def _engine(layout: Layout, settings: WorldSettings, robot: RobotModel) -> Engin
 
         return FastEngine(layout, robot, settings.step_hz, settings.solver_iterations)
     if settings.engine == "bullet":
-        from midnet_bench.simulation.bullet.bullet_engine import BulletEngine
+        from midnet_bench.simulation.bullet_engine import BulletEngine
 
         return BulletEngine(layout, robot, settings.step_hz, settings.solver_iterations)
     engine: Engine = SIMULATORS.make(settings.engine, layout, robot, settings.step_hz)

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.bullet.client import bullet
+from midnet_bench.simulation.bullet_engine import bullet
 from tests.simulation.scenes import BulletWorld, scene
 
 
 def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
     program = (
         "import sys; sys.modules['pybullet'] = None\n"
-        "try: import midnet_bench.simulation.bullet.bullet_engine\n"
+        "try: import midnet_bench.simulation.bullet_engine\n"
         "except ImportError as error: print(error, error.exit_code)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -26,13 +26,13 @@ def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
 
 
 def test_pybullet_greets_nobody_and_standard_error_stays_open() -> None:
-    program = "import sys, midnet_bench.simulation.bullet.client; print('a line of ours', file=sys.stderr)"
+    program = "import sys, midnet_bench.simulation.bullet_engine; print('a line of ours', file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "a line of ours\n")
 
 
 def test_a_closed_standard_error_does_not_stop_it() -> None:
-    program = "import midnet_bench.simulation.bullet.client; print('imported')"
+    program = "import midnet_bench.simulation.bullet_engine; print('imported')"
     command = ["sh", "-c", 'exec "$0" -c "$1" 2>&-', sys.executable, program]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "imported\n"
 

@@ -11,7 +11,7 @@ from midnet_bench.geometry import Command, Pose2D, Solid
 from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import sensors as lidar
-from midnet_bench.simulation.bullet.bullet_engine import BATCH
+from midnet_bench.simulation.bullet_engine import BATCH
 from midnet_bench.simulation.sensors import NOTHING, SOLID, TOO_NEAR_M, NoiseBlocks
 from tests.simulation.scenes import BulletWorld, beam_lengths, run, scene, sensors
 

@@ -148,7 +148,7 @@ def test_a_seed_gives_the_same_bytes_again_and_another_seed_others(engine: str) 
 
 def test_a_client_that_was_used_before_gives_the_bytes_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
     idle: list[int] = []
-    monkeypatch.setattr("midnet_bench.simulation.bullet.client._idle", idle)
+    monkeypatch.setattr("midnet_bench.simulation.bullet_engine._idle", idle)
     new = digest_of("bullet", 1)
     assert len(idle) == 2, "one for the world, one for its beams"
     with WORLDS["bullet"](place(load_arena("map2"), 2, 2, 2)) as world:

@@ -185,8 +185,8 @@ class GroundTruthOverride:
 
     def _opaque(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
         """(beams,) metres to the first wall or other guard, inf for none, and which of both it is."""
-        walls, range_m = self._walls, self._trial.world.robot.lidar.range_max_m
-        met_m = cast_on_outlines(*beams, walls.corners, walls.first, walls.circles, 0.0, range_m)[0]
+        range_m = self._trial.world.robot.lidar.range_max_m
+        met_m = cast_on_outlines(*beams, *self._walls, 0.0, range_m)[0]
         bodies = np.full(len(met_m), SOLID)
         for ally in self._guards:
             if ally is not guard:

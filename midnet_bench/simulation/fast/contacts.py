@@ -1,4 +1,4 @@
-"""Where bodies are close to sides and to each other, and what their wheels can do about it.
+"""Where bodies are close to sides and to each other, and what they do to each other there.
 
 A body is the convex hull of its contour. In the plane two convex shapes always meet corner to side or corner
 to corner, so contacts are looked for as such pairs: corners of bodies before sides of walls, corners of walls
@@ -18,34 +18,31 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
-from midnet_bench.geometry import lengths
-from midnet_bench.simulation.fast.outlines import AX, AY, BEFORE_X, BEFORE_Y, BX, BY, NX, NY, SideGrid
+from midnet_bench.simulation.fast.outlines import (
+    ALONG_X,
+    ALONG_Y,
+    CELL_M,
+    LAST_X,
+    LAST_Y,
+    LENGTH,
+    X,
+    Y,
+    sides_of,
+)
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 OBSTACLE = -2  # in ``pairs``: what moves by itself
-GRAVITY_MPS2 = 9.81
-WHEEL_FRICTION, WALL_FRICTION, BODY_FRICTION = 1.0, 0.5, 0.25
-"""Coulomb's coefficients of wheels on the floor, bodies on walls and bodies on bodies, as in PyBullet"""
+WALL_FRICTION, BODY_FRICTION = 0.5, 0.25  # Coulomb's coefficients, as in PyBullet
 SKIN_M = 1e-4  # Bodies stop this far from what they touch, so that a rounding is no penetration.
 DEEP_M = 0.02  # A corner that is farther behind a side was never before it.
 PUSHED_MPS = 0.3  # How fast an obstacle pushes a body out of itself, about as in PyBullet.
 _TILT = 0.3
 """How far, as a sine, a corner may point past the other shape: both ends of a side that lies flat count."""
 
-# Columns of a body's hull: a corner, the unit vector and the length of the side from it, the unit vector of
-# the side before it.
-X, Y, ALONG_X, ALONG_Y, LENGTH, LAST_X, LAST_Y = range(7)
-_SQUARE = np.array(
-    [
-        (-1.0, -1.0, 1.0, 0.0, 0.0, 0.0, -1.0),
-        (1.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0),
-        (1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 1.0),
-        (-1.0, 1.0, 0.0, -1.0, 0.0, -1.0, 0.0),
-    ]
-)
-"""the hull of a square of side 2 m, its lengths left out"""
+_SQUARE = sides_of([np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])])
 
 # Columns of a contact: the unit normal towards the first body, the gap, the point as seen from both bodies'
 # base frames (map axes), and the impulses so far along normal and tangent, per mass.
@@ -53,46 +50,37 @@ NORMAL_X, NORMAL_Y, GAP, ARM_X, ARM_Y, OTHER_X, OTHER_Y, NORMAL, TANGENTIAL = ra
 PER_BODY = 48  # contacts that there is room for
 
 
-class Body(NamedTuple):
-    """What all bodies are."""
+class Scene(NamedTuple):
+    """What all bodies are, what stands about them, how time passes, and room for what is found of them."""
 
     hull: Floats  # (h, 7) by the columns ``X`` to ``LAST_Y``, base frame, metres
-    reach_m: float  # of the hull from the base frame
-    gyration2_m2: float  # inertia over mass
-
-
-class ContactBuffer(NamedTuple):
-    """Where what is found of n bodies is written."""
-
+    sides: Floats  # of a :class:`~.outlines.SideGrid` that reaches as far as a body and the widest gap
+    frame: Floats
+    first: Ints
+    members: Ints
     hulls: Floats  # (n, h, 7) the hulls in the map frame
     rows: Floats  # (c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``
     pairs: Ints  # (c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``
-
-
-class Scene(NamedTuple):
-    """What contacts are looked for among."""
-
-    body: Body
-    ground: SideGrid  # what never moves; its reach is no less than that of a body and the widest gap together
-    room: ContactBuffer
+    step_s: float  # a tick
+    ramp_mps: float  # by how much a rim's speed changes in a tick
+    separation_m: float  # of the wheels
+    wheel_m: float  # radius
+    most_m: float  # how far any point of a body may come in a tick
+    rounds: float  # of the solver, at most
+    reach_m: float  # of the hull from the base frame
+    gyration2_m2: float  # inertia over mass
 
 
 def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
     """(h, 7) the convex hull of a contour, counter-clockwise, by the columns ``X`` to ``LAST_Y``; metres."""
     points = np.array(sorted(set(contour)))
     order = cv2.convexHull(points.astype(np.float32), returnPoints=False).ravel()
-    corners = points[np.roll(order, -int(order.argmin()))]
-    sides = np.roll(corners, -1, axis=0) - corners
-    lengths_m = lengths(sides)
-    along = sides / lengths_m[:, None]
-    return np.column_stack((corners, along, lengths_m, np.roll(along, 1, axis=0)))
+    return sides_of([points[np.roll(order, -int(order.argmin()))]])
 
 
 @njit
-def find_contacts(
-    poses: Floats, present: npt.NDArray[np.bool_], margin_m: float, solids: Floats, scene: Scene
-) -> int:
-    """Writes the contacts of bodies at (n, 3) ``poses`` into the scene's buffer; how many there are.
+def find_contacts(poses: Floats, present: Flags, margin_m: float, solids: Floats, scene: Scene) -> int:
+    """Writes the contacts of bodies at (n, 3) ``poses`` into the scene; how many there are.
 
     Those with obstacles come first: in each of the solver's rounds walls and bodies have the last word.
 
@@ -101,115 +89,28 @@ def find_contacts(
         present: (n,) which bodies are there.
         margin_m: the widest gap that counts.
         solids: (k, 6) obstacles: x, y and yaw, metres and radians, length, width, and whether it is a disc.
-        scene: the bodies, what never moves, and the buffer.
+        scene: bodies, walls, and room for contacts.
     """
-    body, ground, room = scene
-    reach_m, hulls = body.reach_m, room.hulls
-    is_placed = np.zeros(len(poses), dtype=np.bool_)
+    reach_m, hulls = scene.reach_m, scene.hulls
     count = 0
     for i in range(len(poses)):
-        for solid in solids:
-            x, y = poses[i, 0], poses[i, 1]
-            solid_m = solid[3] / 2.0 if solid[5] else hypot(solid[3], solid[4]) / 2.0
-            if not present[i] or hypot(x - solid[0], y - solid[1]) > reach_m + margin_m + solid_m:
-                continue
-            if not is_placed[i]:
-                _place(body.hull, poses[i], hulls[i])
-                is_placed[i] = True
-            count = _against_obstacle(i, hulls[i], x, y, solid, margin_m, room, count)
+        if present[i]:
+            _place(scene.hull, poses[i], hulls[i])
+            for solid in solids:
+                count = _against_obstacle(i, poses[i], solid, margin_m, scene, count)
+    apart_m = 2.0 * reach_m + margin_m
     for i in range(len(poses)):
         if not present[i]:
             continue
-        x, y = poses[i, 0], poses[i, 1]
-        for member in _sides_near(ground, x, y):
-            side = ground.sides[member]
-            if not _may_touch(side, x, y, reach_m + margin_m):
-                continue
-            if not is_placed[i]:
-                _place(body.hull, poses[i], hulls[i])
-                is_placed[i] = True
-            count = _against_side(i, hulls[i], x, y, side, margin_m, room, count)
+        for member in _sides_near(poses[i], scene):
+            side = scene.sides[member]
+            if _may_touch(side, poses[i], reach_m + margin_m):
+                count = _against_side(i, poses, side, margin_m, scene, count)
         for j in range(i):
-            dx, dy = x - poses[j, 0], y - poses[j, 1]
-            apart = 2.0 * reach_m + margin_m
-            if not present[j] or dx * dx + dy * dy > apart * apart:
-                continue
-            for one in (i, j):
-                if not is_placed[one]:
-                    _place(body.hull, poses[one], hulls[one])
-                    is_placed[one] = True
-            count = _against_body(i, j, poses, margin_m, False, room, count)
-            count = _against_body(j, i, poses, margin_m, True, room, count)
-    return count
-
-
-@njit
-def _sides_near(ground: SideGrid, x: float, y: float) -> Ints:
-    """The sides that a body at (x, y) may touch, by their rows."""
-    frame = ground.frame
-    column, line = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
-    if x >= frame[0] and y >= frame[1] and column < frame[3] and line < frame[4]:
-        cell = line * int(frame[3]) + column
-        return ground.members[ground.first[cell] : ground.first[cell + 1]]
-    return ground.members[:0]
-
-
-@njit
-def _against_obstacle(
-    i: int, body: Floats, x: float, y: float, solid: Floats, margin_m: float, room: ContactBuffer, count: int
-) -> int:
-    """Adds the contacts of body i, placed, with an obstacle, deep ones too.
-
-    An obstacle of 2 m/s may come far into a body before it has pushed it out. A box that lies across a body,
-    no corner of the one before a side of the other, has no contact: the body drives on until one has.
-    """
-    rows = room.rows
-    if solid[5]:
-        before, radius_m = count, solid[3] / 2.0
-        corner = (solid[0], solid[1], 0.0, 0.0, 0.0, 0.0)
-        count = _meet(i, OBSTACLE, corner, body, x, y, margin_m + radius_m, False, np.inf, room, count)
-        rows[before:count, GAP] -= radius_m
-        return count
-    hull, placed = _SQUARE.copy(), np.empty((4, 7))
-    hull[:, X] *= solid[3] / 2.0
-    hull[:, Y] *= solid[4] / 2.0
-    hull[0::2, LENGTH], hull[1::2, LENGTH] = solid[3], solid[4]
-    _place(hull, solid, placed)
-    for k in range(len(placed)):
-        count = _meet(i, OBSTACLE, _corner(placed[k]), body, x, y, margin_m, False, np.inf, room, count)
-    for k in range(len(body)):
-        before = count
-        count = _meet(i, OBSTACLE, _corner(body[k]), placed, x, y, margin_m, True, np.inf, room, count)
-        for row in rows[before:count]:
-            row[NORMAL_X], row[NORMAL_Y] = -row[NORMAL_X], -row[NORMAL_Y]
-            row[ARM_X], row[ARM_Y] = body[k, X] - x, body[k, Y] - y
-    return count
-
-
-@njit
-def _meet(
-    a: int,
-    b: int,
-    corner: tuple[float, ...],
-    hull: Floats,
-    x: float,
-    y: float,
-    margin_m: float,
-    sides_only: bool,
-    deep_m: float,
-    room: ContactBuffer,
-    count: int,
-) -> int:
-    """Adds the contact of a corner of b with the placed hull of body a, at (x, y), if there is one.
-
-    The rest as for :func:`_corner_before_body`.
-    """
-    if count < len(room.rows):
-        row = room.rows[count]
-        if _corner_before_body(corner, hull, margin_m, sides_only, row, deep_m):
-            row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
-            room.pairs[count, 0], room.pairs[count, 1] = a, b
-            count += 1
+            dx, dy = poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]
+            if present[j] and dx * dx + dy * dy <= apart_m * apart_m:
+                count = _meet(j, i, hulls[i], poses, margin_m, False, scene, count)
+                count = _meet(i, j, hulls[j], poses, margin_m, True, scene, count)
     return count
 
 
@@ -227,117 +128,163 @@ def _place(hull: Floats, pose: Floats, placed: Floats) -> None:
 
 
 @njit
-def _may_touch(side: Floats, x: float, y: float, within_m: float) -> bool:
-    dx, dy = x - side[AX], y - side[AY]
-    aside = dx * side[NX] + dy * side[NY]
-    if aside > within_m or aside < -within_m:
-        return False
-    along = dy * side[NX] - dx * side[NY]
-    length = (side[BY] - side[AY]) * side[NX] - (side[BX] - side[AX]) * side[NY]
-    return -within_m < along < length + within_m
+def _sides_near(pose: Floats, scene: Scene) -> Ints:
+    """The sides that a body at that pose may touch, by their rows."""
+    left, low, columns, lines = scene.frame
+    column, line = int((pose[0] - left) / CELL_M), int((pose[1] - low) / CELL_M)
+    if pose[0] >= left and pose[1] >= low and column < columns and line < lines:
+        cell = line * int(columns) + column
+        return scene.members[scene.first[cell] : scene.first[cell + 1]]
+    return scene.members[:0]
 
 
 @njit
-def _against_side(
-    i: int, body: Floats, x: float, y: float, side: Floats, margin_m: float, room: ContactBuffer, count: int
+def _may_touch(side: Floats, pose: Floats, within_m: float) -> bool:
+    dx, dy = pose[0] - side[X], pose[1] - side[Y]
+    aside = dx * side[ALONG_Y] - dy * side[ALONG_X]
+    along = dy * side[ALONG_Y] + dx * side[ALONG_X]
+    return -within_m <= aside <= within_m and -within_m < along < side[LENGTH] + within_m
+
+
+@njit
+def _add(
+    a: int,
+    b: int,
+    normal: tuple[float, float, float],
+    arm: tuple[float, float],
+    other: tuple[float, float],
+    scene: Scene,
+    count: int,
 ) -> int:
-    """Adds the contacts of body i, placed, with one side and with the corner at its first end."""
-    _, rows, pairs = room
-    nx, ny = side[NX], side[NY]
-    along_x, along_y = -ny, nx
-    length = (side[BX] - side[AX]) * along_x + (side[BY] - side[AY]) * along_y
-    for k in range(len(body)):
-        dx, dy = body[k, X] - side[AX], body[k, Y] - side[AY]
-        gap = dx * nx + dy * ny
-        along = dx * along_x + dy * along_y
-        if not (-DEEP_M < gap < margin_m and 0.0 <= along <= length):
-            continue
-        ahead = body[k, ALONG_X] * nx + body[k, ALONG_Y] * ny
-        behind = body[k, LAST_X] * nx + body[k, LAST_Y] * ny
-        if ahead >= -_TILT and behind <= _TILT and count < len(rows):
-            row = rows[count]
-            row[NORMAL_X], row[NORMAL_Y], row[GAP] = nx, ny, gap
-            row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = body[k, X] - x, body[k, Y] - y, 0.0, 0.0
-            pairs[count, 0], pairs[count, 1] = i, -1
-            count += 1
-    if side[BEFORE_X] != 0.0 or side[BEFORE_Y] != 0.0:
-        corner = (side[AX], side[AY], along_x, along_y, side[BEFORE_X], side[BEFORE_Y])
-        count = _meet(i, -1, corner, body, x, y, margin_m, False, DEEP_M, room, count)
-    return count
+    """Adds a contact, if there is room: its normal and gap, and its point as seen from both."""
+    if count == len(scene.rows):
+        return count
+    row = scene.rows[count]
+    row[NORMAL_X], row[NORMAL_Y], row[GAP] = normal
+    row[ARM_X], row[ARM_Y] = arm
+    row[OTHER_X], row[OTHER_Y] = other
+    scene.pairs[count, 0], scene.pairs[count, 1] = a, b
+    return count + 1
 
 
 @njit
-def _against_body(
-    i: int, j: int, poses: Floats, margin_m: float, sides_only: bool, room: ContactBuffer, count: int
-) -> int:
-    """Adds the contacts of body i's corners with body j."""
-    body, hull, x, y = room.hulls[i], room.hulls[j], poses[j, 0], poses[j, 1]
-    for k in range(len(body)):
-        before = count
-        count = _meet(j, i, _corner(body[k]), hull, x, y, margin_m, sides_only, DEEP_M, room, count)
-        for row in room.rows[before:count]:
-            row[OTHER_X], row[OTHER_Y] = body[k, X] - poses[i, 0], body[k, Y] - poses[i, 1]
-    return count
+def _against_obstacle(i: int, pose: Floats, solid: Floats, margin_m: float, scene: Scene, count: int) -> int:
+    """Adds the contacts of body i with an obstacle, deep ones too.
 
-
-@njit
-def _corner(row: Floats) -> tuple[float, ...]:
-    """X and y of a hull's corner, and the unit vectors of the side from it and of the one before."""
-    return row[X], row[Y], row[ALONG_X], row[ALONG_Y], row[LAST_X], row[LAST_Y]
-
-
-@njit
-def _corner_before_body(
-    corner: tuple[float, ...], body: Floats, margin_m: float, sides_only: bool, row: Floats, deep_m: float
-) -> bool:
-    """Whether a corner is in contact with a body; fills normal, gap and the body's point, map frame.
-
-    ``corner``: as :func:`_corner` has it. The normal points into the body. ``sides_only``: leave out where it
-    is nearest to one of the body's corners. ``deep_m``: a corner that is deeper inside is in no contact.
+    An obstacle of 2 m/s may come far into a body before it has pushed it out. A box that lies across a body,
+    no corner of the one before a side of the other, has no contact: the body drives on until one has.
     """
-    px, py, along_x, along_y, before_x, before_y = corner
-    sides = len(body)
-    best, outermost = -np.inf, 0
-    for k in range(sides):
-        gap = (px - body[k, X]) * body[k, ALONG_Y] - (py - body[k, Y]) * body[k, ALONG_X]
-        if gap > margin_m:
-            return False
-        if gap > best:
-            best, outermost = gap, k
-    at_side, at_corner, gap = outermost, -1, best
-    if best > 0.0:
-        nearest = np.inf
-        for k in range(sides):
-            dx, dy = px - body[k, X], py - body[k, Y]
-            aside = dx * body[k, ALONG_Y] - dy * body[k, ALONG_X]
-            along = dx * body[k, ALONG_X] + dy * body[k, ALONG_Y]
-            if aside <= 0.0 or along > body[k, LENGTH]:
-                continue
-            distance = aside if along >= 0.0 else hypot(dx, dy)
-            if distance < nearest:
-                nearest = distance
-                at_side, at_corner = k, -1 if along >= 0.0 else k
-        for k in range(sides):  # beyond the end of the one side and before the begin of the next
-            dx, dy = px - body[k, X], py - body[k, Y]
-            distance = hypot(dx, dy)
-            if distance < nearest:
-                nearest = distance
-                at_corner = k
-        gap = nearest
-    if gap > margin_m or gap < -deep_m or (sides_only and at_corner >= 0):
-        return False
-    if at_corner >= 0 and gap > 1e-9:
-        nx, ny = (body[at_corner, X] - px) / gap, (body[at_corner, Y] - py) / gap
-        tilt = 0.0
-        qx, qy = body[at_corner, X], body[at_corner, Y]
+    hull, x, y = scene.hulls[i], pose[0], pose[1]
+    radius_m = solid[3] / 2.0 if solid[5] else hypot(solid[3], solid[4]) / 2.0
+    if hypot(x - solid[0], y - solid[1]) > scene.reach_m + margin_m + radius_m:
+        return count
+    if solid[5]:
+        corners = np.zeros((1, 7))
+        corners[0, X], corners[0, Y] = solid[0], solid[1]
     else:
-        nx, ny = -body[at_side, ALONG_Y], body[at_side, ALONG_X]
-        tilt = _TILT
+        radius_m = 0.0
+        square, corners = _SQUARE.copy(), np.empty_like(_SQUARE)
+        square[:, X] *= solid[3]
+        square[:, Y] *= solid[4]
+        square[0::2, LENGTH], square[1::2, LENGTH] = solid[3], solid[4]
+        _place(square, solid, corners)
+    for corner in corners:
+        is_met, (nx, ny, gap), (qx, qy) = _before(corner, hull, margin_m + radius_m, False, np.inf)
+        if is_met:
+            count = _add(i, OBSTACLE, (nx, ny, gap - radius_m), (qx - x, qy - y), (0.0, 0.0), scene, count)
+    if not solid[5]:
+        for corner in hull:
+            is_met, (nx, ny, gap), _ = _before(corner, corners, margin_m, True, np.inf)
+            if is_met:
+                arm = corner[X] - x, corner[Y] - y
+                count = _add(i, OBSTACLE, (-nx, -ny, gap), arm, (0.0, 0.0), scene, count)
+    return count
+
+
+@njit
+def _against_side(i: int, poses: Floats, side: Floats, margin_m: float, scene: Scene, count: int) -> int:
+    """Adds the contacts of body i with one side and with the corner at its first end."""
+    nx, ny = side[ALONG_Y], -side[ALONG_X]
+    for corner in scene.hulls[i]:
+        dx, dy = corner[X] - side[X], corner[Y] - side[Y]
+        gap = dx * nx + dy * ny
+        along = dx * side[ALONG_X] + dy * side[ALONG_Y]
+        if -DEEP_M < gap < margin_m and 0.0 <= along <= side[LENGTH]:
+            ahead = corner[ALONG_X] * nx + corner[ALONG_Y] * ny
+            behind = corner[LAST_X] * nx + corner[LAST_Y] * ny
+            if ahead >= -_TILT and behind <= _TILT:
+                arm = corner[X] - poses[i, 0], corner[Y] - poses[i, 1]
+                count = _add(i, -1, (nx, ny, gap), arm, (0.0, 0.0), scene, count)
+    if side[LAST_X] != 0.0 or side[LAST_Y] != 0.0:
+        count = _meet(i, -1, side.reshape(1, 7), poses, margin_m, False, scene, count)
+    return count
+
+
+@njit
+def _meet(
+    a: int,
+    b: int,
+    corners: Floats,
+    poses: Floats,
+    margin_m: float,
+    sides_only: bool,
+    scene: Scene,
+    count: int,
+) -> int:
+    """Adds the contacts of corners of b, a body or what stands, with body a."""
+    for corner in corners:
+        is_met, normal, (qx, qy) = _before(corner, scene.hulls[a], margin_m, sides_only, DEEP_M)
+        if is_met:
+            arm, other = (qx - poses[a, 0], qy - poses[a, 1]), (0.0, 0.0)
+            if b >= 0:
+                other = corner[X] - poses[b, 0], corner[Y] - poses[b, 1]
+            count = _add(a, b, normal, arm, other, scene, count)
+    return count
+
+
+@njit
+def _before(
+    corner: Floats, hull: Floats, margin_m: float, sides_only: bool, deep_m: float
+) -> tuple[bool, tuple[float, float, float], tuple[float, float]]:
+    """Whether a corner is in contact with a hull; the normal into the hull and the gap; the hull's point.
+
+    ``sides_only``: leave out where it is nearest to one of the hull's corners. ``deep_m``: a corner that is
+    deeper inside is in no contact.
+    """
+    px, py = corner[X], corner[Y]
+    gap, at_side, at_corner = -np.inf, 0, -1
+    nothing = False, (0.0, 0.0, 0.0), (0.0, 0.0)
+    for k in range(len(hull)):
+        aside = (px - hull[k, X]) * hull[k, ALONG_Y] - (py - hull[k, Y]) * hull[k, ALONG_X]
+        if aside > margin_m:
+            return nothing
+        if aside > gap:
+            gap, at_side = aside, k
+    if gap > 0.0:
+        gap = np.inf
+        for k in range(len(hull)):
+            dx, dy = px - hull[k, X], py - hull[k, Y]
+            aside = dx * hull[k, ALONG_Y] - dy * hull[k, ALONG_X]
+            along = dx * hull[k, ALONG_X] + dy * hull[k, ALONG_Y]
+            if 0.0 < aside < gap and 0.0 <= along <= hull[k, LENGTH]:
+                gap, at_side = aside, k
+        for k in range(len(hull)):
+            distance = hypot(px - hull[k, X], py - hull[k, Y])
+            if distance < gap:
+                gap, at_corner = distance, k
+    if gap > margin_m or gap < -deep_m or (sides_only and at_corner >= 0):
+        return nothing
+    if at_corner >= 0 and gap > 1e-9:
+        qx, qy, tilt = hull[at_corner, X], hull[at_corner, Y], 0.0
+        nx, ny = (qx - px) / gap, (qy - py) / gap
+    else:
+        nx, ny, tilt = -hull[at_side, ALONG_Y], hull[at_side, ALONG_X], _TILT
         qx, qy = px + gap * nx, py + gap * ny
-    if along_x * nx + along_y * ny > tilt or before_x * nx + before_y * ny < -tilt:
-        return False
-    row[NORMAL_X], row[NORMAL_Y], row[GAP], row[ARM_X], row[ARM_Y] = nx, ny, gap, qx, qy
-    return True
+    ahead = corner[ALONG_X] * nx + corner[ALONG_Y] * ny
+    behind = corner[LAST_X] * nx + corner[LAST_Y] * ny
+    if ahead > tilt or behind < -tilt:
+        return nothing
+    return True, (nx, ny, gap), (qx, qy)
 
 
 @njit
@@ -347,8 +294,7 @@ def islands(count: int, pairs: Ints, n: int) -> Ints:
     changed = True
     while changed:
         changed = False
-        for c in range(count):
-            a, b = pairs[c, 0], pairs[c, 1]
+        for a, b in pairs[:count]:
             if b >= 0 and label[a] != label[b]:
                 label[a] = label[b] = min(label[a], label[b])
                 changed = True
@@ -378,7 +324,7 @@ def parting_speed(row: Floats, a: int, b: int, nx: float, ny: float, moves: Floa
 
 
 @njit
-def apply_impulse(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, moves: Floats) -> None:
+def _apply(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, moves: Floats) -> None:
     """Let an impulse per mass (px, py) act on body ``a`` at a contact, and its opposite on ``b``."""
     moves[a, 0] += px
     moves[a, 1] += py
@@ -390,7 +336,7 @@ def apply_impulse(row: Floats, a: int, b: int, px: float, py: float, gyration2: 
 
 
 @njit
-def inverse_mass(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> float:
+def _inverse_mass(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> float:
     """What speed along (nx, ny) a unit impulse per mass gives the points of a contact."""
     lever = row[ARM_X] * ny - row[ARM_Y] * nx
     found = 1.0 + lever * lever / gyration2
@@ -401,90 +347,84 @@ def inverse_mass(row: Floats, b: int, nx: float, ny: float, gyration2: float) ->
 
 
 @njit
-def solve_contacts(
-    island: int,
-    label: Ints,
-    count: int,
-    rows: Floats,
-    pairs: Ints,
-    step_s: float,
-    gyration2: float,
-    moves: Floats,
-) -> float:
+def solve_contacts(island: int, label: Ints, count: int, scene: Scene, moves: Floats) -> float:
     """One round over an island's contacts: no gap closes within a step, and what touches rubs.
 
     Gives the largest change of an impulse per mass, m/s.
     """
-    change = 0.0
+    change, gyration2 = 0.0, scene.gyration2_m2
     for c in range(count):
-        a, b = pairs[c, 0], pairs[c, 1]
+        a, b = scene.pairs[c]
         if label[a] != island:
             continue
-        row = rows[c]
+        row = scene.rows[c]
         nx, ny = row[NORMAL_X], row[NORMAL_Y]
-        least = least_speed(row[GAP], b, step_s)
-        missing = (least - parting_speed(row, a, b, nx, ny, moves)) / inverse_mass(row, b, nx, ny, gyration2)
+        least = least_speed(row[GAP], b, scene.step_s)
+        missing = (least - parting_speed(row, a, b, nx, ny, moves)) / _inverse_mass(row, b, nx, ny, gyration2)
         more = max(row[NORMAL] + missing, 0.0) - row[NORMAL]
         row[NORMAL] += more
-        apply_impulse(row, a, b, more * nx, more * ny, gyration2, moves)
-        sliding = parting_speed(row, a, b, -ny, nx, moves) / inverse_mass(row, b, -ny, nx, gyration2)
+        _apply(row, a, b, more * nx, more * ny, gyration2, moves)
+        sliding = parting_speed(row, a, b, -ny, nx, moves) / _inverse_mass(row, b, -ny, nx, gyration2)
         most = (WALL_FRICTION if b < 0 else BODY_FRICTION) * row[NORMAL]
         rub = min(max(row[TANGENTIAL] - sliding, -most), most) - row[TANGENTIAL]
         row[TANGENTIAL] += rub
-        apply_impulse(row, a, b, -rub * ny, rub * nx, gyration2, moves)
+        _apply(row, a, b, -rub * ny, rub * nx, gyration2, moves)
         change = max(change, abs(more), abs(rub))
     return change
 
 
 @njit
-def depenetrate(count: int, rows: Floats, pairs: Ints, gyration2: float, poses: Floats) -> bool:
+def part_overlapping(count: int, scene: Scene, poses: Floats) -> bool:
     """Moves bodies that overlap apart by half of what is needed; whether any did."""
     found = False
     for c in range(count):
-        a, b = pairs[c, 0], pairs[c, 1]
-        if rows[c, GAP] >= -1e-6:
-            continue
-        row = rows[c]
-        nx, ny = row[NORMAL_X], row[NORMAL_Y]
-        share = 0.5 * (SKIN_M - row[GAP]) / inverse_mass(row, b, nx, ny, gyration2)
-        apply_impulse(row, a, b, share * nx, share * ny, gyration2, poses)
-        found = True
+        row = scene.rows[c]
+        if row[GAP] < -1e-6:
+            a, b = scene.pairs[c]
+            nx, ny = row[NORMAL_X], row[NORMAL_Y]
+            share = 0.5 * (SKIN_M - row[GAP]) / _inverse_mass(row, b, nx, ny, scene.gyration2_m2)
+            _apply(row, a, b, share * nx, share * ny, scene.gyration2_m2, poses)
+            found = True
     return found
 
 
 @njit
-def penetrates(i: int, poses: Floats, present: npt.NDArray[np.bool_], depth_m: float, scene: Scene) -> bool:
+def penetrates(i: int, poses: Floats, present: Flags, depth_m: float, scene: Scene) -> bool:
     """Whether body i reaches more than ``depth_m`` into a side of what never moves, or into another body.
 
     A check by another way than contacts are found by: the hull less a rim of that depth is cut with sides,
-    and with bodies it has no line between. It writes hulls into the buffer and nothing else.
+    and with bodies it has no line between. It writes hulls into the scene and nothing else.
     """
-    body, ground, room = scene
-    x, y = poses[i, 0], poses[i, 1]
-    _place(body.hull, poses[i], room.hulls[i])
-    hull = room.hulls[i]
-    for member in _sides_near(ground, x, y):
-        side = ground.sides[member]
-        if _may_touch(side, x, y, body.reach_m) and _cuts(side, hull, depth_m):
+    hull, reach_m = scene.hulls[i], scene.reach_m
+    _place(scene.hull, poses[i], hull)
+    for member in _sides_near(poses[i], scene):
+        side = scene.sides[member]
+        if _may_touch(side, poses[i], reach_m) and _cuts(side, hull, depth_m):
             return True
     for j in range(len(poses)):
-        dx, dy = x - poses[j, 0], y - poses[j, 1]
-        if j == i or not present[j] or dx * dx + dy * dy > 4.0 * body.reach_m * body.reach_m:
+        dx, dy = poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]
+        if j == i or not present[j] or dx * dx + dy * dy > 4.0 * reach_m * reach_m:
             continue
-        _place(body.hull, poses[j], room.hulls[j])
-        if not _is_parted(hull, room.hulls[j], depth_m) and not _is_parted(room.hulls[j], hull, depth_m):
+        other = scene.hulls[j]
+        _place(scene.hull, poses[j], other)
+        if not _is_parted(hull, other, depth_m) and not _is_parted(other, hull, depth_m):
             return True
     return False
+
+
+@njit
+def _depth(x: float, y: float, side: Floats) -> float:
+    """How far a point lies to the left of a side, metres."""
+    return (y - side[Y]) * side[ALONG_X] - (x - side[X]) * side[ALONG_Y]
 
 
 @njit
 def _cuts(side: Floats, hull: Floats, depth_m: float) -> bool:
     """Whether a side has points more than ``depth_m`` inside a placed hull."""
     enter, leave = 0.0, 1.0
-    for k in range(len(hull)):
-        from_a = (side[AY] - hull[k, Y]) * hull[k, ALONG_X] - (side[AX] - hull[k, X]) * hull[k, ALONG_Y]
-        from_b = (side[BY] - hull[k, Y]) * hull[k, ALONG_X] - (side[BX] - hull[k, X]) * hull[k, ALONG_Y]
-        a, b = from_a - depth_m, from_b - depth_m
+    end_x, end_y = side[X] + side[LENGTH] * side[ALONG_X], side[Y] + side[LENGTH] * side[ALONG_Y]
+    for edge in hull:
+        a, b = _depth(side[X], side[Y], edge) - depth_m, _depth(end_x, end_y, edge) - depth_m
         if a <= 0.0 and b <= 0.0:
             return False
         if a < 0.0:
@@ -497,11 +437,10 @@ def _cuts(side: Floats, hull: Floats, depth_m: float) -> bool:
 @njit
 def _is_parted(one: Floats, other: Floats, depth_m: float) -> bool:
     """Whether all corners of the other lie beyond a side of one, or less than ``depth_m`` inside of it."""
-    for k in range(len(one)):
+    for side in one:
         deepest = -np.inf
-        for m in range(len(other)):
-            dx, dy = other[m, X] - one[k, X], other[m, Y] - one[k, Y]
-            deepest = max(deepest, dy * one[k, ALONG_X] - dx * one[k, ALONG_Y])
+        for corner in other:
+            deepest = max(deepest, _depth(corner[X], corner[Y], side))
         if deepest <= depth_m:
             return True
     return False

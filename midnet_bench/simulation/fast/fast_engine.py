@@ -1,44 +1,104 @@
 """``FastEngine``: one trial's robots, walls and intruders in compiled loops of our own."""
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
+from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, hypot
 from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.fast import motion
-from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
+from midnet_bench.simulation.fast.contacts import (
+    GAP,
+    NORMAL,
+    NORMAL_X,
+    NORMAL_Y,
+    PER_BODY,
+    SKIN_M,
+    TANGENTIAL,
+    Flags,
+    Scene,
+    find_contacts,
+    hull_of,
+    islands,
+    least_speed,
+    part_overlapping,
+    parting_speed,
+    penetrates,
+    solve_contacts,
+)
+from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of, side_grid
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Parts = tuple[npt.NDArray[Any], ...]
+
+# Columns of a body's state: its pose; its velocity in the map frame, forward, and its yaw rate; for the left
+# and the right wheel the rim speed that is asked for, the one that it has, and how far it has turned. Metres,
+# radians, seconds.
+POSE = slice(0, 3)
+SPEED_X, SPEED_Y = 3, 4
+FORWARD, TURN = 5, 6
+VELOCITY = slice(5, 7)
+ASKED = slice(7, 9)
+ASKED_LEFT, LEFT, RIGHT = 7, 9, 10
+ANGLES = slice(11, 13)
+ANGLE_LEFT = 11
+COLUMNS = 13
+
+GRAVITY_MPS2, GRIP = 9.81, 1.0  # Coulomb's coefficient of wheels on the floor, as in PyBullet
+TOUCH_M = 2.0 * SKIN_M  # What is this near touches.
+_PARTINGS = 20
+_OVERLAP_M = 5e-4  # Nothing gets deeper into anything.
+_STILL_MPS = 1e-6  # The solver ends when no impulse changes by more.
+_PUSHED = 1.25  # How much faster than by its own wheels a body may be moved.
 
 
 class FastEngine:
-    """The :class:`~midnet_bench.simulation.engine.Engine` without PyBullet.
-
-    Bodies are planar and have no wheels; ``motion`` says how they move.
-    """
+    """The :class:`~midnet_bench.simulation.engine.Engine` without PyBullet: planar bodies without wheels."""
 
     def __init__(self, layout: Layout, robot: RobotModel, step_hz: int, solver_iterations: int) -> None:
         self._robot = robot
         starts = layout.robots + layout.intruders
-        self._outlines = outlines_of(layout.solids)
-        self._parts = motion.parts_of(robot, self._outlines, len(starts), step_hz, solver_iterations)
-        self._states = np.zeros((len(starts), motion.COLUMNS))
-        self._states[:, motion.POSE] = starts
-        self._present = np.ones(len(starts), dtype=np.bool_)
+        count, step_s, reach_m = len(starts), 1.0 / step_hz, robot.body_reach_m
+        fastest_mps = robot.max_linear_mps + robot.max_angular_radps * reach_m
+        numbers = {
+            "step_s": step_s,
+            "ramp_mps": robot.rim_acceleration_mps2 * step_s,
+            "separation_m": robot.wheel_separation_m,
+            "wheel_m": robot.wheel_radius_m,
+            "most_m": _PUSHED * fastest_mps * step_s,
+            "rounds": solver_iterations,
+            "reach_m": reach_m,
+            "gyration2_m2": robot.gyration_radius_m * robot.gyration_radius_m,
+        }
+        hull, self._outlines = hull_of(robot.body), outlines_of(layout.solids)
+        # Arrays only: handing named tuples to compiled code takes three times as long as a tick.
+        self._parts: Parts = (
+            hull,
+            *side_grid(self._outlines, reach_m + 2.0 * numbers["most_m"]),
+            np.zeros((count, *hull.shape)),
+            np.zeros((PER_BODY * count, 9)),
+            np.zeros((PER_BODY * count, 2), dtype=np.int64),
+            np.array([numbers[name] for name in Scene._fields[8:]]),
+        )
+        self._states = np.zeros((count, COLUMNS))
+        self._states[:, POSE] = starts
+        self._present = np.ones(count, dtype=np.bool_)
         self._obstacles = np.zeros((0, 6))
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity, within its limits; held until the next one."""
-        self._states[index, motion.ASKED] = self._robot.rim_speeds(command)
+        self._states[index, ASKED] = self._robot.rim_speeds(command)
 
     def step(self) -> None:
         """Let 1 / ``step_hz`` seconds pass."""
-        motion.step_world(self._states, self._present, self._obstacles, self._parts)
+        step_world(self._states, self._present, self._obstacles, self._parts)
 
     def obstruct(self, solids: Sequence[Solid]) -> None:
         """Let ``solids`` stand in the robots' way from now on, in place of those before; beams pass them."""
@@ -47,29 +107,217 @@ class FastEngine:
 
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of each robot's base frame, under the middle of its axle."""
-        return self._states[:, motion.POSE]
+        return self._states[:, POSE]
 
     def velocities(self, rows: Ints) -> Floats:
         """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot."""
-        return self._states[:, motion.VELOCITY]
+        return self._states[:, VELOCITY]
 
     def wheel_angles(self) -> Floats:
         """(n, 2) how far the left and right wheel have turned, radians."""
-        return self._states[:, motion.ANGLES]
+        return self._states[:, ANGLES]
 
-    def contacts(self) -> npt.NDArray[np.bool_]:
+    def contacts(self) -> Flags:
         """(n,) whether each robot touches anything now."""
-        touching = motion.touching(self._states, self._present, self._obstacles, self._parts)
-        return np.asarray(touching)
+        return np.asarray(touching(self._states, self._present, self._obstacles, self._parts))
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
-        still = self._outlines
-        ranges = cast_on_outlines(
-            beams.axes, beams.directions, still.corners, still.first, still.circles, near_m, far_m
-        )
-        return np.asarray(ranges)
+        return np.asarray(cast_on_outlines(*beams, *self._outlines, near_m, far_m))
 
     def remove(self, index: int) -> None:
         """Take a robot out for good."""
         self._present[index] = False
+
+
+@njit
+def scene_of(parts: Parts) -> Scene:
+    """The scene that an engine's arrays stand for."""
+    hull, sides, frame, first, members, hulls, rows, pairs, numbers = parts
+    step_s, ramp_mps, separation_m, wheel_m, most_m, rounds, reach_m, gyration2_m2 = numbers
+    return Scene(
+        hull,
+        sides,
+        frame,
+        first,
+        members,
+        hulls,
+        rows,
+        pairs,
+        step_s,
+        ramp_mps,
+        separation_m,
+        wheel_m,
+        most_m,
+        rounds,
+        reach_m,
+        gyration2_m2,
+    )
+
+
+@njit
+def step_world(states: Floats, present: Flags, solids: Floats, parts: Parts) -> None:
+    """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``.
+
+    ``solids``: (k, 6) what moves by itself, as for :func:`~.contacts.find_contacts`.
+    """
+    scene = scene_of(parts)
+    n = len(states)
+    poses = states[:, :3]
+    before, moves, held = poses.copy(), np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        if present[i]:
+            _roll(states[i], scene, moves[i])
+    # two bodies come nearer by as much as both can move
+    count = find_contacts(poses, present, 2.0 * scene.most_m, solids, scene)
+    label = islands(count, scene.pairs, n)
+    if count > 0:
+        _hold(count, states, scene, label, moves, held)
+    for i in range(n):
+        if present[i]:
+            poses[i] += moves[i] * scene.step_s
+    if count > 0:
+        _part(poses, before, present, scene, label, moves, held)
+    for i in range(n):
+        if present[i]:
+            _note_velocity(states[i], moves[i], held[i])
+
+
+@njit
+def _roll(state: Floats, scene: Scene, move: Floats) -> None:
+    """Turns the wheels, and fills ``move`` with the velocity of a body whose wheels do not slip.
+
+    Each rim's speed comes one tick closer to its target; the wheel turns by it, on the floor or not. The
+    velocity is along the heading half-way of the tick.
+    """
+    for wheel in range(2):
+        missing = state[ASKED_LEFT + wheel] - state[LEFT + wheel]
+        if abs(missing) <= scene.ramp_mps:
+            state[LEFT + wheel] = state[ASKED_LEFT + wheel]
+        else:
+            state[LEFT + wheel] += math.copysign(scene.ramp_mps, missing)
+        state[ANGLE_LEFT + wheel] += state[LEFT + wheel] * scene.step_s / scene.wheel_m
+    forward = (state[LEFT] + state[RIGHT]) / 2.0
+    turn = (state[RIGHT] - state[LEFT]) / scene.separation_m
+    c, s = cos_sin(state[2] + turn * scene.step_s / 2.0)
+    move[0], move[1], move[2] = forward * c, forward * s, turn
+
+
+@njit
+def _hold(count: int, states: Floats, scene: Scene, label: Ints, moves: Floats, held: Flags) -> None:
+    """Changes ``moves`` of islands whose free motion would close a gap, and marks their bodies ``held``.
+
+    Each body starts from the velocity that it had; friction of its wheels works towards the free motion, as
+    far as it goes, and contacts against whatever closes a gap.
+    """
+    n = len(states)
+    is_hindered = np.zeros(n, dtype=np.bool_)
+    for c in range(count):
+        row, (a, b) = scene.rows[c], scene.pairs[c]
+        least = least_speed(row[GAP], b, scene.step_s)
+        speed = parting_speed(row, a, b, row[NORMAL_X], row[NORMAL_Y], moves)
+        if speed < least - 1e-12 or row[GAP] < 0.0:
+            is_hindered[label[a]] = True
+        row[NORMAL] = row[TANGENTIAL] = 0.0
+    headings, grips = np.empty((n, 2)), np.zeros((n, 2, 2))
+    for i in range(n):
+        if is_hindered[label[i]]:
+            held[i] = True
+            headings[i, 0], headings[i, 1] = cos_sin(states[i, 2] + moves[i, 2] * scene.step_s / 2.0)
+            moves[i, 0], moves[i, 1], moves[i, 2] = states[i, SPEED_X], states[i, SPEED_Y], states[i, TURN]
+    for island in range(n):
+        if not is_hindered[island] or label[island] != island:
+            continue
+        for _ in range(int(scene.rounds)):
+            change = 0.0
+            for i in range(island, n):
+                if label[i] == island:
+                    change = max(change, _grip(states[i], scene, headings[i], grips[i], moves[i]))
+            change = max(change, solve_contacts(island, label, count, scene, moves))
+            if change < _STILL_MPS:
+                break
+    for i in range(n):
+        # no farther in a tick than contacts were looked for
+        way_m = (hypot(moves[i, 0], moves[i, 1]) + abs(moves[i, 2]) * scene.reach_m) * scene.step_s
+        if held[i] and way_m > scene.most_m:
+            moves[i] *= scene.most_m / way_m
+
+
+@njit
+def _grip(state: Floats, scene: Scene, heading: Floats, grip: Floats, move: Floats) -> float:
+    """One round over a body's wheels: friction works against their slip, as far as it goes.
+
+    ``grip``: (2, 2) the impulses so far per mass, of both wheels, along and across. The largest change, m/s.
+    """
+    c, s = heading
+    most = GRIP * GRAVITY_MPS2 * scene.step_s / 2.0
+    forward, aside = c * move[0] + s * move[1], c * move[1] - s * move[0]
+    turn, change = move[2], 0.0
+    for wheel in range(2):
+        lever = scene.separation_m * (0.5 - wheel)
+        slip = forward - turn * lever - state[LEFT + wheel]
+        along = grip[wheel, 0] - slip / (1.0 + lever * lever / scene.gyration2_m2)
+        across = grip[wheel, 1] - aside
+        size = hypot(along, across)
+        if size > most:
+            along, across = along * most / size, across * most / size
+        more_along, more_across = along - grip[wheel, 0], across - grip[wheel, 1]
+        grip[wheel, 0], grip[wheel, 1] = along, across
+        forward += more_along
+        turn -= lever * more_along / scene.gyration2_m2
+        aside += more_across
+        change = max(change, abs(more_along), abs(more_across))
+    move[0], move[1], move[2] = c * forward - s * aside, s * forward + c * aside, turn
+    return change
+
+
+@njit
+def _part(
+    poses: Floats, before: Floats, present: Flags, scene: Scene, label: Ints, moves: Floats, held: Flags
+) -> None:
+    """Parts moved bodies that overlap, as turning may make them, and checks what came of it.
+
+    An island of which a body would stand in something, and did not before, does not move in this tick. So
+    whatever the solver makes of a jam, nothing gets deeper than the check allows.
+    """
+    n = len(poses)
+    for _ in range(_PARTINGS):
+        count = find_contacts(poses, present, 0.0, np.empty((0, 6)), scene)
+        if not part_overlapping(count, scene, poses):
+            break
+    is_bad = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        if present[i] and penetrates(i, poses, present, _OVERLAP_M, scene):
+            is_bad[label[i]] |= not penetrates(i, before, present, _OVERLAP_M, scene)
+    for i in range(n):
+        if is_bad[label[i]]:
+            held[i] = True
+            poses[i], moves[i] = before[i], 0.0
+
+
+@njit
+def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
+    """Keeps what a body's velocity came to, and its yaw within [-pi, pi]."""
+    if state[2] > math.pi:
+        state[2] -= 2.0 * math.pi
+    elif state[2] < -math.pi:
+        state[2] += 2.0 * math.pi
+    state[SPEED_X], state[SPEED_Y], state[TURN] = move
+    if is_held:
+        c, s = cos_sin(state[2])
+        state[FORWARD] = move[0] * c + move[1] * s
+    else:
+        state[FORWARD] = (state[LEFT] + state[RIGHT]) / 2.0
+
+
+@njit
+def touching(states: Floats, present: Flags, solids: Floats, parts: Parts) -> Flags:
+    """(n,) whether each body touches something; arguments as for :func:`step_world`."""
+    scene = scene_of(parts)
+    count = find_contacts(states[:, :3], present, TOUCH_M, solids, scene)
+    found = np.zeros(len(states), dtype=np.bool_)
+    for a, b in scene.pairs[:count]:
+        found[a] = True
+        if b >= 0:
+            found[b] = True
+    return found

@@ -1,1 +1,0 @@
-"""The world in PyBullet; nothing else imports it."""
