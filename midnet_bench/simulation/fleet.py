@@ -1,6 +1,5 @@
 """``Fleet``: all robots of a world, stepped in lockstep on integer ticks; how far and whether they move."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -10,8 +9,7 @@ import numpy.typing as npt
 from midnet_bench.agents.mobile_robot import Dwell, Localizer, MobileRobot
 from midnet_bench.arena.layout import Layout
 from midnet_bench.compiled import njit
-from midnet_bench.elementary import hypot
-from midnet_bench.geometry import STOP, Pose2D
+from midnet_bench.geometry import STOP, Pose2D, lengths
 from midnet_bench.rng import stream
 from midnet_bench.simulation.sensors import EncoderOdometers, ImuSensors, LidarSensors
 from midnet_bench.simulation.world import World
@@ -193,7 +191,10 @@ class HealthTracker:
 
     def update(self, poses: Floats) -> None:
         """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
-        note_moves(self._surfaces, self._last, poses, self.distances_m, self.crossings)
+        ways_m = lengths(poses[:, :2] - self._last[:, :2])
+        self.distances_m += np.where(np.isnan(ways_m), 0.0, ways_m)
+        self.crossings += crossed_wall(self._surfaces, self._last, poses)
+        self._last = poses.copy()
 
 
 class Standstill:
@@ -227,21 +228,6 @@ def surfaces(layout: Layout) -> Floats:
     outlines = [solid.outline() for solid in layout.solids]
     ends = [part for outline in outlines for part in (outline[1:], outline[:1])]
     return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
-
-
-@njit
-def note_moves(
-    sides: Floats, last: Floats, now: Floats, distances_m: Floats, crossings: npt.NDArray[np.int64]
-) -> None:
-    """Add the straight ways from (n, 3) poses to later ones, and what they go through; then they are last."""
-    crossed = crossed_wall(sides, last, now)
-    for i in range(len(now)):
-        way_m = hypot(now[i, 0] - last[i, 0], now[i, 1] - last[i, 1])
-        if not math.isnan(way_m):
-            distances_m[i] += way_m
-        if crossed[i]:
-            crossings[i] += 1
-        last[i] = now[i]
 
 
 @njit

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.arena.free_space import cells_near
+from midnet_bench.arena.free_space import FreeSpace, cells_near
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions, hypot
 from midnet_bench.geometry import Box, Pose2D
@@ -32,40 +32,25 @@ class NoiseBlocks:
     """Numbers for the readings of n sensors; the same ones, in the same order, as drawn one by one."""
 
     def __init__(self, rngs: Sequence[np.random.Generator], width: int, block: int = BLOCK) -> None:
-        """One generator for each sensor, ``width`` standard normal numbers for each reading.
-
-        ``block``: how many readings are drawn at once.
-        """
+        """``width`` normal numbers for each reading of each generator's sensor, ``block`` drawn at once."""
         self._rngs = rngs
         self._normals: Floats = np.zeros((len(rngs), block, width))
-        self._used: Ints = np.full(len(rngs), block, dtype=np.int64)
-        """(n,) how many readings of its block each sensor has taken"""
+        self._used: Ints = np.full(len(rngs), block, dtype=np.int64)  # of each sensor's block
         self._refill()
 
     def take(self, rows: Ints) -> Floats:
-        """(m, width) the next reading of each of those sensors."""
-        readings, is_used_up = next_readings(self._normals, self._used, rows)
-        if is_used_up:
+        """(m, width) the next reading of each of those sensors, of which none may come twice."""
+        readings = self._normals[rows, self._used[rows]]
+        self._used[rows] += 1
+        if (self._used == self._normals.shape[1]).any():
             self._refill()
-        return np.asarray(readings)
+        return readings
 
     def _refill(self) -> None:
         """Draw another block for every sensor that has used its own up."""
         for sensor in np.flatnonzero(self._used == self._normals.shape[1]).tolist():
             self._normals[sensor] = standard_normals(self._rngs[sensor], self._normals.shape[1:])
             self._used[sensor] = 0
-
-
-@njit
-def next_readings(normals: Floats, used: Ints, rows: Ints) -> tuple[Floats, bool]:
-    """(m, width) one more of (n, block, width) readings of each row; whether one has used its block up."""
-    readings = np.empty((len(rows), normals.shape[2]))
-    is_used_up = False
-    for i, row in enumerate(rows):
-        readings[i] = normals[row, used[row]]
-        used[row] += 1
-        is_used_up |= used[row] == normals.shape[1]
-    return readings, is_used_up
 
 
 NOTHING, SOLID = -1, -2  # What a beam met that was no robot: nothing, a wall or a stationary intruder.
@@ -219,20 +204,14 @@ class LidarSensors:
         self._cosines, self._sines = np.ascontiguousarray(directions(angles_rad).T)
         # Named by side, so that an intruder's sensor does not change with the size of the team.
         owners = [("robot", i) for i in range(robots)] + [("intruder", i) for i in range(intruders)]
-        self._scales = np.array(
-            [
-                draw_scale(stream(layout.seed, "lidar scale", side, i)) if self._errors.has_scale else 1.0
-                for side, i in owners
-            ]
-        )
-        self._dropout_rngs = (
-            [stream(layout.seed, "lidar dropout", side, i) for side, i in owners]
-            if self._dropout > 0.0
-            else []
-        )
+        self._scales = np.ones(len(owners))
+        if self._errors.has_scale:
+            scales = [draw_scale(stream(layout.seed, "lidar scale", *owner)) for owner in owners]
+            self._scales = np.array(scales)
+        self._dropout_rngs = [stream(layout.seed, "lidar dropout", *owner) for owner in owners]
         # farther from the axle's cell no solid can be within the sensor's least range
         blind_m = abs(self._lidar.mount.x) + self._lidar.range_min_m + _CELL_M
-        self._blind_cells = cells_near(layout.arena, layout.stationary, blind_m)
+        self._blind = FreeSpace(cells_near(layout.arena, layout.stationary, blind_m))
         self._to_disc = Pose2D(self._disc.offset_x_m, 0.0, 0.0)
         self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""
@@ -293,12 +272,8 @@ class LidarSensors:
         own = poses[rows]
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
-        blind = self._blind_cells
-        (left_m, low_m), (rows_there, columns_there) = blind.origin, blind.data.shape
         for i, (x, y, _) in enumerate(own.tolist()):
-            column = math.floor((x - left_m) / blind.resolution)
-            row = math.floor((y - low_m) / blind.resolution)
-            if 0 <= row < rows_there and 0 <= column < columns_there and blind.data[row, column]:
+            if self._blind.contains(x, y):
                 # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
                 one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
                 ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])
@@ -323,9 +298,6 @@ def draw_scale(rng: np.random.Generator) -> float:
 ACCELEROMETER_STDDEV_MPS2, ACCELEROMETER_BIAS_MPS2, ACCELEROMETER_BIAS_STDDEV_MPS2 = 1.7e-2, 0.1, 1e-3
 
 
-_NO_ERRORS = np.empty((0, 2))
-
-
 class ImuSensors:
     """The gyroscopes and forward accelerometers of n robots.
 
@@ -337,16 +309,16 @@ class ImuSensors:
     def __init__(self, settings: ImuSettings, rngs: Sequence[np.random.Generator]) -> None:
         """One generator for each robot, which gives its biases first and then its noise."""
         self._noisy = settings.noise == "gazebo"
-        self._stddevs = np.array([settings.gyro_stddev_radps, ACCELEROMETER_STDDEV_MPS2])
+        count = len(rngs)
         signs = np.array([rng.choice((-1.0, 1.0), size=2) for rng in rngs])
         draws = np.array([standard_normals(rng, (2,)) for rng in rngs])
         means = np.array([settings.gyro_bias_radps, ACCELEROMETER_BIAS_MPS2])
         spreads = np.array([settings.gyro_bias_stddev_radps, ACCELEROMETER_BIAS_STDDEV_MPS2])
-        self._biases = signs * (means + spreads * draws)
+        deviations = np.tile([settings.gyro_stddev_radps, ACCELEROMETER_STDDEV_MPS2], (count, 1))
+        self._errors = np.hstack((signs * (means + spreads * draws), deviations, np.zeros((count, 2))))
+        """(n, 6) by the columns below"""
         self._noise = NoiseBlocks(rngs, 2)
-        self._drifts = np.zeros((len(rngs), 2))
-        """the integral of the gyroscope's errors, rad, and the last forward speed, m/s"""
-        self._readings = np.full((len(rngs), 3), np.nan)
+        self._readings = np.full((count, 3), np.nan)
 
     def read(self, rows: Ints, poses: Floats, velocities: Floats, elapsed_s: float) -> Floats:
         """(n, 3) yaw (rad), yaw rate (rad/s), forward acceleration (m/s2): new in ``rows``, else the last.
@@ -355,19 +327,14 @@ class ImuSensors:
         rates. Robots are taken to have stood still before their first reading. The acceleration is the mean
         over the time elapsed; no filter here reads it.
         """
-        errors = self._noise.take(rows) if self._noisy else _NO_ERRORS
-        read_imus(
-            rows,
-            poses,
-            velocities,
-            elapsed_s,
-            errors,
-            self._stddevs,
-            self._biases,
-            self._drifts,
-            self._readings,
-        )
+        noise = self._noise.take(rows) if self._noisy else np.empty((0, 2))
+        read_imus(rows, poses, velocities, elapsed_s, noise, self._errors, self._readings)
         return self._readings
+
+
+# Columns of an IMU's errors: the biases and standard deviations of yaw rate and acceleration, the integral of
+# the yaw rate's errors, and the last true forward speed. Radians, metres, seconds.
+RATE_BIAS, ACCELERATION_BIAS, RATE_STDDEV, ACCELERATION_STDDEV, DRIFT, SPEED = range(6)
 
 
 @njit
@@ -376,23 +343,22 @@ def read_imus(
     poses: Floats,
     velocities: Floats,
     elapsed_s: float,
-    normals: Floats,
-    stddevs: Floats,
-    biases: Floats,
-    drifts: Floats,
+    noise: Floats,
+    errors: Floats,
     readings: Floats,
 ) -> None:
-    """Put the readings of ``rows`` into ``readings``; ``normals``: (m, 2), or (0, 2) for no errors at all."""
+    """Put the readings of ``rows`` into ``readings``; ``noise``: (m, 2), or (0, 2) for no errors at all."""
     for i, row in enumerate(rows):
-        acceleration = (velocities[row, 0] - drifts[row, 1]) / elapsed_s
-        drifts[row, 1] = velocities[row, 0]
-        readings[row, 0], readings[row, 1], readings[row, 2] = poses[row, 2], velocities[row, 1], acceleration
-        if len(normals) > 0:
-            rate_error = biases[row, 0] + stddevs[0] * normals[i, 0]
-            drifts[row, 0] += rate_error * elapsed_s
-            readings[row, 0] = (poses[row, 2] + drifts[row, 0] + math.pi) % (2.0 * math.pi) - math.pi
-            readings[row, 1] += rate_error
-            readings[row, 2] += biases[row, 1] + stddevs[1] * normals[i, 1]
+        own, reading = errors[row], readings[row]
+        reading[0], reading[1] = poses[row, 2], velocities[row, 1]
+        reading[2] = (velocities[row, 0] - own[SPEED]) / elapsed_s
+        own[SPEED] = velocities[row, 0]
+        if len(noise) > 0:
+            rate_error = own[RATE_BIAS] + own[RATE_STDDEV] * noise[i, 0]
+            own[DRIFT] += rate_error * elapsed_s
+            reading[0] = (poses[row, 2] + own[DRIFT] + math.pi) % (2.0 * math.pi) - math.pi
+            reading[1] += rate_error
+            reading[2] += own[ACCELERATION_BIAS] + own[ACCELERATION_STDDEV] * noise[i, 1]
 
 
 TICK_RAD = 2.0 * math.pi / 4096  # The least turn of a wheel that its encoder tells apart.
@@ -416,11 +382,12 @@ class EncoderOdometers:
         self.poses: Floats = np.array(starts, dtype=np.float64)
         """(n, 3) x, y, yaw by dead reckoning, in each robot's odometry frame"""
         self._ticks = np.floor(wheel_angles_rad / TICK_RAD)
-        self._slip = settings.slip_m_per_sqrt_m
         draws = np.array([standard_normals(rng, (3,)) for rng in rngs])  # two wheels, then the track
-        self._tick_m = TICK_RAD * robot.wheel_radius_m
-        self._scales = 1.0 + settings.radius_error * draws[:, :2]
-        self._separation_m = robot.wheel_separation_m * (1.0 + settings.separation_error * draws[:, 2])
+        scales = 1.0 + settings.radius_error * draws[:, :2]
+        separations_m = robot.wheel_separation_m * (1.0 + settings.separation_error * draws[:, 2])
+        self._wheels = np.column_stack((scales, separations_m))
+        """(n, 3) the scales of the left and right wheel, and metres between them"""
+        self._numbers = TICK_RAD * robot.wheel_radius_m, settings.slip_m_per_sqrt_m
         self._noise = NoiseBlocks(rngs, 2)
         self._velocities = np.zeros((len(starts), 2))
 
@@ -429,48 +396,32 @@ class EncoderOdometers:
 
         The poses of ``rows`` move along the heading half-way through the turn (midpoint rule).
         """
-        reckon(
-            rows,
-            wheel_angles_rad,
-            elapsed_s,
-            self._tick_m,
-            self._scales,
-            self._separation_m,
-            self._slip,
-            self._noise.take(rows),
-            self._ticks,
-            self.poses,
-            self._velocities,
-        )
+        ticks = np.floor(wheel_angles_rad / TICK_RAD)
+        noise, wheels = self._noise.take(rows), self._wheels
+        ways = reckon(rows, ticks - self._ticks, self._numbers, wheels, noise, self.poses)
+        self._ticks[rows] = ticks[rows]
+        self._velocities[rows] = ways / elapsed_s
         return self._velocities
 
 
 @njit
 def reckon(
-    rows: Ints,
-    wheel_angles_rad: Floats,
-    elapsed_s: float,
-    tick_m: float,
-    scales: Floats,
-    separation_m: Floats,
-    slip_m_per_sqrt_m: float,
-    normals: Floats,
-    ticks: Floats,
-    poses: Floats,
-    velocities: Floats,
-) -> None:
-    """Move the odometry of ``rows`` on."""
-    travel = np.empty(2)
+    rows: Ints, ticks: Floats, numbers: tuple[float, float], wheels: Floats, noise: Floats, poses: Floats
+) -> Floats:
+    """Moves the odometry of ``rows`` on; (m, 2) how far each went, metres, and turned, radians.
+
+    ``ticks``: (n, 2) new ones of both wheels. ``numbers``: a tick's metres, and the slip.
+    """
+    ways, travel = np.empty((len(rows), 2)), np.empty(2)
+    tick_m, slip_m_per_sqrt_m = numbers
     for i, row in enumerate(rows):
         for wheel in range(2):
-            now = math.floor(wheel_angles_rad[row, wheel] / TICK_RAD)
-            way = (now - ticks[row, wheel]) * tick_m * scales[row, wheel]
-            ticks[row, wheel] = now
-            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * normals[i, wheel]
-        forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / separation_m[row]
-        heading = poses[row, 2] + turn / 2.0
-        c, s = cos_sin(heading)
+            way = ticks[row, wheel] * tick_m * wheels[row, wheel]
+            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * noise[i, wheel]
+        forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / wheels[row, 2]
+        c, s = cos_sin(poses[row, 2] + turn / 2.0)
         poses[row, 0] += forward * c
         poses[row, 1] += forward * s
         poses[row, 2] = (poses[row, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
-        velocities[row, 0], velocities[row, 1] = forward / elapsed_s, turn / elapsed_s
+        ways[i, 0], ways[i, 1] = forward, turn
+    return ways

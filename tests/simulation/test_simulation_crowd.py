@@ -10,9 +10,8 @@ import pytest
 from midnet_bench.arena.arena import Arena, OtherIntruders, checked_arena, load_arena
 from midnet_bench.arena.layout import Layout, OtherIntruder, place
 from midnet_bench.geometry import Command, Pose2D
-from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd
+from midnet_bench.simulation.crowd import FEET_APART_M, LEG_DIAMETER_M, Crowd, step_length_m
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.walking import FEET_APART_M, step_length_m
 from tests.simulation.scenes import ENGINES, WORLDS
 
 STEP_S = 1.0 / 30.0
