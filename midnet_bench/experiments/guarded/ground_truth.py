@@ -186,7 +186,8 @@ class GroundTruthOverride:
     def _opaque(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
         """(beams,) metres to the first wall or other guard, inf for none, and which of both it is."""
         range_m = self._trial.world.robot.lidar.range_max_m
-        met_m = cast_on_outlines(*beams, *self._walls, 0.0, range_m)[0]
+        sides, first, circles = self._walls
+        met_m = cast_on_outlines(*beams, sides, first, circles, 0.0, range_m)[0]
         bodies = np.full(len(met_m), SOLID)
         for ally in self._guards:
             if ally is not guard:

@@ -36,7 +36,7 @@ from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of,
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-Parts = tuple[npt.NDArray[Any], ...]
+Parts = tuple[Any, ...]  # of a ``Scene``
 
 # Columns of a body's state: its pose; its velocity in the map frame, forward, and its yaw rate; for the left
 # and the right wheel the rim speed that is asked for, the one that it has, and how far it has turned. Metres,
@@ -66,26 +66,25 @@ class FastEngine:
         self._robot = robot
         starts = layout.robots + layout.intruders
         count, step_s, reach_m = len(starts), 1.0 / step_hz, robot.body_reach_m
-        fastest_mps = robot.max_linear_mps + robot.max_angular_radps * reach_m
-        numbers = {
-            "step_s": step_s,
-            "ramp_mps": robot.rim_acceleration_mps2 * step_s,
-            "separation_m": robot.wheel_separation_m,
-            "wheel_m": robot.wheel_radius_m,
-            "most_m": _PUSHED * fastest_mps * step_s,
-            "rounds": solver_iterations,
-            "reach_m": reach_m,
-            "gyration2_m2": robot.gyration_radius_m * robot.gyration_radius_m,
-        }
+        most_m = _PUSHED * (robot.max_linear_mps + robot.max_angular_radps * reach_m) * step_s
         hull, self._outlines = hull_of(robot.body), outlines_of(layout.solids)
-        # Arrays only: handing named tuples to compiled code takes three times as long as a tick.
-        self._parts: Parts = (
-            hull,
-            *side_grid(self._outlines, reach_m + 2.0 * numbers["most_m"]),
-            np.zeros((count, *hull.shape)),
-            np.zeros((PER_BODY * count, 9)),
-            np.zeros((PER_BODY * count, 2), dtype=np.int64),
-            np.array([numbers[name] for name in Scene._fields[8:]]),
+        # Handing named tuples to compiled code takes three times as long as a tick.
+        self._parts = tuple(
+            Scene(
+                hull,
+                *side_grid(self._outlines, reach_m + 2.0 * most_m),
+                np.zeros((count, *hull.shape)),
+                np.zeros((PER_BODY * count, 9)),
+                np.zeros((PER_BODY * count, 2), dtype=np.int64),
+                step_s=step_s,
+                ramp_mps=robot.rim_acceleration_mps2 * step_s,
+                separation_m=robot.wheel_separation_m,
+                wheel_m=robot.wheel_radius_m,
+                most_m=most_m,
+                rounds=solver_iterations,
+                reach_m=reach_m,
+                gyration2_m2=robot.gyration_radius_m * robot.gyration_radius_m,
+            )
         )
         self._states = np.zeros((count, COLUMNS))
         self._states[:, POSE] = starts
@@ -123,36 +122,12 @@ class FastEngine:
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
-        return np.asarray(cast_on_outlines(*beams, *self._outlines, near_m, far_m))
+        sides, first, circles = self._outlines
+        return np.asarray(cast_on_outlines(*beams, sides, first, circles, near_m, far_m))
 
     def remove(self, index: int) -> None:
         """Take a robot out for good."""
         self._present[index] = False
-
-
-@njit
-def scene_of(parts: Parts) -> Scene:
-    """The scene that an engine's arrays stand for."""
-    hull, sides, frame, first, members, hulls, rows, pairs, numbers = parts
-    step_s, ramp_mps, separation_m, wheel_m, most_m, rounds, reach_m, gyration2_m2 = numbers
-    return Scene(
-        hull,
-        sides,
-        frame,
-        first,
-        members,
-        hulls,
-        rows,
-        pairs,
-        step_s,
-        ramp_mps,
-        separation_m,
-        wheel_m,
-        most_m,
-        rounds,
-        reach_m,
-        gyration2_m2,
-    )
 
 
 @njit
@@ -161,7 +136,7 @@ def step_world(states: Floats, present: Flags, solids: Floats, parts: Parts) -> 
 
     ``solids``: (k, 6) what moves by itself, as for :func:`~.contacts.find_contacts`.
     """
-    scene = scene_of(parts)
+    scene = Scene(*parts)
     n = len(states)
     poses = states[:, :3]
     before, moves, held = poses.copy(), np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
@@ -228,7 +203,7 @@ def _hold(count: int, states: Floats, scene: Scene, label: Ints, moves: Floats, 
     for island in range(n):
         if not is_hindered[island] or label[island] != island:
             continue
-        for _ in range(int(scene.rounds)):
+        for _ in range(scene.rounds):
             change = 0.0
             for i in range(island, n):
                 if label[i] == island:
@@ -313,7 +288,7 @@ def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
 @njit
 def touching(states: Floats, present: Flags, solids: Floats, parts: Parts) -> Flags:
     """(n,) whether each body touches something; arguments as for :func:`step_world`."""
-    scene = scene_of(parts)
+    scene = Scene(*parts)
     count = find_contacts(states[:, :3], present, TOUCH_M, solids, scene)
     found = np.zeros(len(states), dtype=np.bool_)
     for a, b in scene.pairs[:count]:
