@@ -92,8 +92,8 @@ sys.exit(main())
     [
         "detection --engine fast --frames 5 --robots 2 --seeds 1 --jobs 1 --metric ospa "
         "--detector midnet,clusters,subtraction,background --fusion paper,tracks --record",
-        "labyrinth --engine fast --seeds 1 --jobs 1 --robots 2 --intruders 1 --set time_limit_s=10",
-        "map map2 --engine fast --robots 2 --set time_limit_s=8",
+        "labyrinth --engine fast --seeds 1 --jobs 1 --robots 2 --intruders 1 --set time_limit_s=4",
+        "map map2 --engine fast --robots 2 --set time_limit_s=4",
     ],
 )
 def test_no_float_is_added_by_sum_in_a_trial_and_its_tables(command: str, tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 TRIALS = {
-    "detection": "--engine fast --frames 2 --robots 2 --detector midnet,clusters,subtraction,background",
-    "labyrinth": "--robots 1 --intruders 1 --seeds 1 --set time_limit_s=0.3",
-    "map": "map2 --engine fast --set time_limit_s=0.4",
+    "detection": "--engine fast --frames 1 --robots 2 --detector midnet,clusters,subtraction,background",
+    "labyrinth": "--robots 1 --intruders 1 --seeds 1 --set time_limit_s=0.15",
+    "map": "map2 --engine fast --set time_limit_s=0.25",
 }
 """command -> arguments of trials of tenths of a second; Python needs half a minute for each second"""
 

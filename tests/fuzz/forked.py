@@ -192,4 +192,5 @@ def _watch(may_write: Sequence[Path], named: Sequence[Path], outside_file: int) 
             check(arguments[0])
             check(arguments[1])
 
+    sys.dont_write_bytecode = True
     sys.addaudithook(hook)

@@ -197,7 +197,7 @@ def test_a_page_without_recorded_trials_has_figures_with_their_numbers(tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["mapping", "robustness", "detection", "people"])
+@pytest.mark.parametrize("name", ["mapping", "detection", "people"])
 def test_every_experiment_has_a_page(name: str, tmp_path: Path) -> None:
     folder = Path(
         shutil.copytree(Path(__file__).parents[2] / "results" / "reference" / name, tmp_path / name)
