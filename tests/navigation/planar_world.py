@@ -70,32 +70,21 @@ class World:
         return ranges
 
     def body_hits(self, pose: Pose2D, others: list[Pose2D]) -> bool:
+        """Whether a Burger's body at ``pose`` is in a wall or in the body of another one."""
         points = [pose.compose(Pose2D(float(x), float(y), 0.0)) for x, y in BODY]
-        for point in points:
-            if any(b.x_min < point.x < b.x_max and b.y_min < point.y < b.y_max for b in self.boxes):
-                return True
-        for other in others:
-            if pose.distance_to(other) < 0.3:
-                back = other.inverse()
-                for point in points:
-                    p = back.compose(point)
-                    if -0.102 < p.x < 0.038 and abs(p.y) < 0.089:
-                        return True
-        return False
+        if any(b.x_min < p.x < b.x_max and b.y_min < p.y < b.y_max for b in self.boxes for p in points):
+            return True
+        backs = [other.inverse() for other in others if pose.distance_to(other) < 0.3]
+        inside = (back.compose(point) for back in backs for point in points)
+        return any(-0.102 < p.x < 0.038 and abs(p.y) < 0.089 for p in inside)
 
 
 def moved(pose: Pose2D, command: Command, seconds: float) -> Pose2D:
+    """The exact pose after an arc."""
     v, w = command
-    if abs(w) < 1e-9:
-        return Pose2D(
-            pose.x + v * seconds * math.cos(pose.yaw), pose.y + v * seconds * math.sin(pose.yaw), pose.yaw
-        )
-    yaw = pose.yaw + w * seconds
-    return Pose2D(
-        pose.x + v / w * (math.sin(yaw) - math.sin(pose.yaw)),
-        pose.y - v / w * (math.cos(yaw) - math.cos(pose.yaw)),
-        yaw,
-    )
+    half = 0.5 * w * seconds
+    chord = v * seconds * (math.sin(half) / half if half else 1.0)
+    return pose.compose(Pose2D(chord * math.cos(half), chord * math.sin(half), 2.0 * half))
 
 
 def ramped(velocity: Command, wanted: Command, rim_step_mps: float) -> Command:

@@ -282,9 +282,8 @@ def dwa(**changed: float) -> DwaPlanner:
 
 
 def straight_plan(x: float, y: float, length_m: float = 1.4) -> npt.NDArray[np.float64]:
-    return np.column_stack(
-        (np.arange(x, x + length_m, 0.025), np.full(len(np.arange(x, x + length_m, 0.025)), y))
-    )
+    xs = np.arange(x, x + length_m, 0.025)
+    return np.column_stack((xs, np.full(len(xs), y)))
 
 
 @pytest.mark.parametrize(
