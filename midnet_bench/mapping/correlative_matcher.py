@@ -13,9 +13,8 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import exp
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.grid_slam import hill_climb, rotate
+from midnet_bench.mapping.grid_slam import Floats, Indices, hill_climb, rotate
 
-Floats = npt.NDArray[np.float64]
 Field = npt.NDArray[np.uint8]
 
 CELL_M = 0.05
@@ -59,9 +58,7 @@ def hit_field(hits_m: Floats) -> HitField:
     rim = _REACH_CELLS + BLOCK_CELLS + 1
     low = np.floor(hits_m.min(axis=0) / CELL_M) - rim
     high = np.floor(hits_m.max(axis=0) / CELL_M) + rim + 1
-    columns, rows = (high - low).astype(np.int64)
-    fine = np.zeros((rows, columns), dtype=np.uint8)
-    corner = low * CELL_M
+    fine, corner = np.zeros((high - low).astype(np.int64)[::-1], dtype=np.uint8), low * CELL_M
     _smear(fine, (hits_m - corner) / CELL_M)
     coarse, side = fine.copy(), 1
     while side < BLOCK_CELLS:
@@ -100,8 +97,8 @@ def _smear(field: Field, hits: Floats) -> None:
 
 
 @njit
-def _likeness(field: Field, turned: Floats, x: float, y: float) -> float:
-    """Sum over the points of the field's value between cell centres (bilinear); lengths in cells."""
+def _score(field: Field, turned: Floats, x: float, y: float) -> float:
+    """Mean likeness of turned points at (x, y), 0 to 1, bilinear between cell centres; lengths in cells."""
     total = 0.0
     rows, columns = field.shape
     for b in range(turned.shape[0]):
@@ -112,66 +109,58 @@ def _likeness(field: Field, turned: Floats, x: float, y: float) -> float:
             low = (1.0 - s) * field[r, c] + s * field[r, c + 1]
             high = (1.0 - s) * field[r + 1, c] + s * field[r + 1, c + 1]
             total += (1.0 - t) * low + t * high
-    return total
+    return total / (FULL * turned.shape[0])
 
 
 @njit
-def _rank_blocks(coarse: Field, cells: npt.NDArray[np.int64], blocks: int, turn_pulls: Floats) -> Floats:
-    """(A, blocks, blocks) what the poses of a block, turned in one way, can score at most."""
-    turns, count, _ = cells.shape
-    rows, columns = coarse.shape
-    bounds = np.empty((turns, blocks, blocks))
-    for a in range(turns):
-        for j in range(blocks):
-            for i in range(blocks):
-                total = 0
-                for b in range(count):
-                    c, r = cells[a, b, 0] + i * BLOCK_CELLS, cells[a, b, 1] + j * BLOCK_CELLS
-                    if 0 <= c < columns and 0 <= r < rows:
-                        total += int(coarse[r, c])
-                bounds[a, j, i] = total / (FULL * count) - turn_pulls[a]
-    return bounds
+def _total(field: Field, cells: Indices, column: int, row: int) -> int:
+    """Sum of the field over (B, 2) columns and rows, moved by so many."""
+    rows, columns = field.shape
+    total = 0
+    for b in range(cells.shape[0]):
+        c, r = cells[b, 0] + column, cells[b, 1] + row
+        if 0 <= c < columns and 0 <= r < rows:
+            total += int(field[r, c])
+    return total
 
 
 @njit
 def _search(field: HitField, points: Floats, guess: Pose2D, window: Window, pull: float) -> Pose2D:
     """The best pose of the window, to a cell and a step of the angle; lengths in cells."""
-    fine = field.fine
-    rows, columns = fine.shape
     count, full = points.shape[0], FULL * points.shape[0]
-    x0, y0 = guess.x, guess.y
     half, half_turns = math.ceil(window.half_m / CELL_M), math.ceil(window.half_rad / ANGLE_STEP_RAD)
+    turns, blocks = 2 * half_turns + 1, (2 * half) // BLOCK_CELLS + 1
     turned = np.empty_like(points)
-    cells = np.empty((2 * half_turns + 1, count, 2), dtype=np.int64)
-    turn_pulls = np.empty(2 * half_turns + 1)
-    for a in range(2 * half_turns + 1):
+    cells = np.empty((turns, count, 2), dtype=np.int64)
+    turn_pulls = np.empty(turns)
+    bounds = np.empty((turns, blocks, blocks))  # what the poses of a block, turned in one way, score at most
+    for a in range(turns):
         turn = (a - half_turns) * ANGLE_STEP_RAD
         turn_pulls[a] = window.pull_per_rad2 * turn * turn
         rotate(points, guess.yaw + turn, turned)
         for b in range(count):
-            cells[a, b, 0] = math.floor(x0 + turned[b, 0]) - half
-            cells[a, b, 1] = math.floor(y0 + turned[b, 1]) - half
-    blocks = (2 * half) // BLOCK_CELLS + 1
-    bounds = _rank_blocks(field.coarse, cells, blocks, turn_pulls).ravel()
+            cells[a, b, 0] = math.floor(guess.x + turned[b, 0]) - half
+            cells[a, b, 1] = math.floor(guess.y + turned[b, 1]) - half
+        for j in range(blocks):
+            for i in range(blocks):
+                total = _total(field.coarse, cells[a], i * BLOCK_CELLS, j * BLOCK_CELLS)
+                bounds[a, j, i] = total / full - turn_pulls[a]
     best, best_a, best_i, best_j = -math.inf, half_turns, half, half
-    for k in np.argsort(-bounds):
-        if bounds[k] <= best:
+    flat = bounds.ravel()
+    for k in np.argsort(-flat):
+        if flat[k] <= best:
             break
         a, block = k // (blocks * blocks), k % (blocks * blocks)
         low_j, low_i = (block // blocks) * BLOCK_CELLS, (block % blocks) * BLOCK_CELLS
         for j in range(low_j, min(low_j + BLOCK_CELLS, 2 * half + 1)):
             for i in range(low_i, min(low_i + BLOCK_CELLS, 2 * half + 1)):
-                total = 0
-                for b in range(count):
-                    c, r = cells[a, b, 0] + i, cells[a, b, 1] + j
-                    if 0 <= c < columns and 0 <= r < rows:
-                        total += int(fine[r, c])
                 dx, dy = i - half, j - half
+                total = _total(field.fine, cells[a], i, j)
                 score = total / full - pull * (dx * dx + dy * dy) - turn_pulls[a]
                 if score > best:
                     best, best_a, best_i, best_j = score, a, i, j
     yaw = guess.yaw + (best_a - half_turns) * ANGLE_STEP_RAD
-    return Pose2D(x0 + best_i - half, y0 + best_j - half, yaw)
+    return Pose2D(guess.x + best_i - half, guess.y + best_j - half, yaw)
 
 
 _Climb = tuple[Field, Floats, Floats, Pose2D, float, float]
@@ -185,7 +174,21 @@ def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
     rotate(points, pose.yaw, turned)
     dx, dy, turn = pose.x - guess.x, pose.y - guess.y, pose.yaw - guess.yaw
     away = pull * (dx * dx + dy * dy) + turn_pull * turn * turn
-    return _likeness(fine, turned, pose.x, pose.y) / (FULL * points.shape[0]) - away
+    return _score(fine, turned, pose.x, pose.y) - away
+
+
+@njit(nogil=True)
+def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
+    """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
+    corner, points, turned = field.corner, points_m / CELL_M, np.empty_like(points_m)
+    start = Pose2D((guess.x - corner[0]) / CELL_M, (guess.y - corner[1]) / CELL_M, guess.yaw)
+    pull = window.pull_per_m2 * CELL_M * CELL_M
+    args = (field.fine, points, turned, start, pull, window.pull_per_rad2)
+    found = _search(field, points, start, window, pull)
+    found, _ = hill_climb(_held_score, args, found, _CLIMB_STEP_M / CELL_M, _CLIMB_STEP_RAD, _HALVINGS)
+    rotate(points, found.yaw, turned)
+    score = _score(field.fine, turned, found.x, found.y)
+    return Match(Pose2D(corner[0] + found.x * CELL_M, corner[1] + found.y * CELL_M, found.yaw), score)
 
 
 @njit(nogil=True)
@@ -197,7 +200,7 @@ def slid_scores(field: HitField, points_m: Floats, pose: Pose2D, ways_m: Floats)
     for k in range(ways_m.shape[0]):
         x = (pose.x + ways_m[k, 0] - field.corner[0]) / CELL_M
         y = (pose.y + ways_m[k, 1] - field.corner[1]) / CELL_M
-        scores[k] = _likeness(field.fine, turned, x, y) / (FULL * points.shape[0])
+        scores[k] = _score(field.fine, turned, x, y)
     return scores
 
 
@@ -218,17 +221,3 @@ def crossed(field: HitField, points_m: Floats, pose: Pose2D) -> float:
                 through += 1
                 break
     return through / max(points.shape[0], 1)
-
-
-@njit(nogil=True)
-def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
-    """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
-    corner, points, turned = field.corner, points_m / CELL_M, np.empty_like(points_m)
-    start = Pose2D((guess.x - corner[0]) / CELL_M, (guess.y - corner[1]) / CELL_M, guess.yaw)
-    pull = window.pull_per_m2 * CELL_M * CELL_M
-    args = (field.fine, points, turned, start, pull, window.pull_per_rad2)
-    found = _search(field, points, start, window, pull)
-    found, _ = hill_climb(_held_score, args, found, _CLIMB_STEP_M / CELL_M, _CLIMB_STEP_RAD, _HALVINGS)
-    rotate(points, found.yaw, turned)
-    score = _likeness(field.fine, turned, found.x, found.y) / (FULL * points.shape[0])
-    return Match(Pose2D(corner[0] + found.x * CELL_M, corner[1] + found.y * CELL_M, found.yaw), score)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -12,7 +13,11 @@ from scipy.optimize import linear_sum_assignment
 from midnet_bench.compiled import njit
 from midnet_bench.geometry import Point, Pose2D, lengths
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
-from midnet_bench.mapping.mapping_settings import FrontierSettings
+
+Cells = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Steps = npt.NDArray[np.int32]
 
 _OUT_OF_REACH, _SECOND, _GAP = 1e9, 1e6, 1e3
 """costs above any other: of a frontier that the robot cannot reach, of one that another robot is sent to, of
@@ -24,6 +29,26 @@ _LEAST_FREE_M2 = 0.25
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
+@dataclass(frozen=True)
+class FrontierSettings:
+    """The parameters of explore_lite (``explore_costmap.launch``), and those of the repairs made here."""
+
+    potential_scale: float = 3.0
+    gain_scale: float = 1.0
+    min_frontier_size_m: float = 0.5
+    progress_timeout_s: float = 30.0
+    blacklist_half_width_m: float = 0.5  # explore_lite has 5 cells, 0.25 m
+    second_chances: int = 1  # explore_lite never empties its blacklist
+    traversable_below: int = 99  # explore_lite's search follows falling costs alone
+    taken_radius_m: float = 2.0  # explore_lite knows no other robots
+    min_gap_m: float = 0.1  # two cells; a gap of one lies within a cell of walls on both sides
+    view_m: float = 1.0  # beams are 1.7 cm apart there, a third of a cell
+    look_radius_m: float = 0.5  # as far as a blacklisted goal counts
+
+
+DEFAULTS = FrontierSettings()
+
+
 class Frontier(NamedTuple):
     """A connected border between what a robot can reach and the unknown; metres, the grid's frame."""
 
@@ -31,7 +56,7 @@ class Frontier(NamedTuple):
     size_m: float  # number of its unknown cells times the resolution
     distance_m: float  # the way from the robot to its nearest cell, over traversable cells
     centroid: Point  # mean of its unknown cells' centres
-    approaches: npt.NDArray[np.float64]
+    approaches: Floats
     """(K, 2) x, y of the reachable cells that touch it, nearest to the centroid first; or that see a gap"""
 
 
@@ -42,7 +67,7 @@ class Gap(NamedTuple):
     place: Point  # centre of its unknown cell nearest to their mean
 
 
-def wall_gaps(grid: OccupancyGrid, least_m: float) -> list[Gap]:
+def wall_gaps(grid: OccupancyGrid, least_m: float = DEFAULTS.min_gap_m) -> list[Gap]:
     """Where walls end though the free space beside them goes on into the unknown, longest first.
 
     A closed room has none: its walls part each free cell from the unknown. Frontiers that meet no wall are
@@ -56,19 +81,14 @@ def wall_gaps(grid: OccupancyGrid, least_m: float) -> list[Gap]:
     unknown, occupied = grid.data == UNKNOWN, grid.data >= OCCUPIED_FROM
     free = _areas_from(~unknown & ~occupied, _LEAST_FREE_M2 / (grid.resolution * grid.resolution))
     unknown = _areas_from(unknown, (least_m / grid.resolution) * (least_m / grid.resolution))
-    beside_free = cv2.dilate(free.view(np.uint8), _CROSS) > 0
-    beside_wall = cv2.dilate(occupied.view(np.uint8), np.ones((3, 3))) > 0
-    border = unknown & beside_free
+    border, beside_wall = unknown & _dilated(free, _CROSS), _dilated(occupied, np.ones((3, 3)))
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(border.view(np.uint8), connectivity=8)
     gaps = []
     for label in np.unique(labels[border & beside_wall]).tolist():
         length_m = float(stats[label, cv2.CC_STAT_AREA]) * grid.resolution
         if length_m >= least_m - 1e-9:
-            rows, columns = np.nonzero(labels == label)
-            column, row = centroids[label]
-            nearest = int(np.argmin(np.square(columns - column) + np.square(rows - row)))
-            x, y = grid.center_of(int(columns[nearest]), int(rows[nearest]))
-            gaps.append(Gap(length_m, (float(x), float(y))))
+            column, row = _nearest_first(_cells(labels == label), centroids[label])[0].tolist()
+            gaps.append(Gap(length_m, grid.center_of(column, row)))
     return sorted(gaps, key=lambda gap: (-gap.length_m, gap.place))
 
 
@@ -76,8 +96,8 @@ def find_gaps(
     costmap: OccupancyGrid,
     grid: OccupancyGrid,
     robot: Pose2D,
-    looks: npt.NDArray[np.float64],
-    settings: FrontierSettings,
+    looks: Floats,
+    settings: FrontierSettings = DEFAULTS,
 ) -> list[Frontier]:
     """The gaps in walls that the robot can see from a place within its reach, cheapest first.
 
@@ -91,8 +111,7 @@ def find_gaps(
         looks: (K, 2) x, y of the places at which scans have been taken.
         settings: what counts as a gap, and from where it is looked at.
     """
-    padded = np.pad(costmap.data, 1, constant_values=100)
-    steps = _steps_over(padded, costmap, robot, settings)[1][1:-1, 1:-1]
+    steps = _reach(costmap, robot, settings)[1][1:-1, 1:-1]
     rows, columns = np.nonzero(steps >= 0)
     cells = np.stack((costmap.x_centers[columns], costmap.y_centers[rows]), axis=1)
     costs = costmap.data[rows, columns]
@@ -111,7 +130,9 @@ def find_gaps(
     return sorted(gaps, key=lambda gap: gap.cost)
 
 
-def find_frontiers(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings) -> list[Frontier]:
+def find_frontiers(
+    costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings = DEFAULTS
+) -> list[Frontier]:
     """The frontiers that the robot can reach, cheapest first; empty when there is none.
 
     As in explore_lite: the search starts at the traversable cell nearest to the robot's and spreads over
@@ -128,32 +149,26 @@ def find_frontiers(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSett
         robot: in the grid's frame. A robot off the grid starts from the nearest cell on it.
         settings: what counts as a frontier, and its cost.
     """
-    padded = np.pad(costmap.data.astype(np.int8, copy=False), 1, constant_values=100)
-    traversable, steps = _steps_over(padded, costmap, robot, settings)
-    reached = steps >= 0
-
-    touches = cv2.dilate(traversable.view(np.uint8), _CROSS)
-    border = ((padded == UNKNOWN) & (touches > 0)).view(np.uint8)
-    count, labels, stats, centroids = cv2.connectedComponentsWithStats(border, connectivity=8)
-    sizes_m = stats[:, cv2.CC_STAT_AREA] * costmap.resolution
-    kept = [label for label in range(1, count) if sizes_m[label] >= settings.min_frontier_size_m]
-    label_of, cell_of = _touching_pairs(labels, reached, np.isin(np.arange(count), kept))
-
+    traversable, steps = _reach(costmap, robot, settings)
+    border = np.pad(costmap.data == UNKNOWN, 1) & _dilated(traversable, _CROSS)
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(border.view(np.uint8), connectivity=8)
     frontiers = []
-    for label in np.unique(label_of).tolist():  # those that touch what was reached
-        rows, columns = np.divmod(cell_of[label_of == label], padded.shape[1])
-        column, row = centroids[label]
-        order = np.argsort(np.square(columns - column) + np.square(rows - row), kind="stable")
-        rows, columns = rows[order], columns[order]
-        distance_m = float(steps[rows, columns].min()) * costmap.resolution
-        # One cell of padding on either side, and centres half a cell from corners.
-        x = costmap.origin[0] + (columns - 0.5) * costmap.resolution
-        y = costmap.origin[1] + (rows - 0.5) * costmap.resolution
-        cost = settings.potential_scale * distance_m - settings.gain_scale * float(sizes_m[label])
-        centroid = costmap.center_of(column - 1, row - 1)
-        frontiers.append(
-            Frontier(cost, float(sizes_m[label]), distance_m, centroid, np.stack((x, y), axis=1))
-        )
+    for label in range(1, len(stats)):
+        left, low, width, height, count = stats[label].tolist()
+        size_m = count * costmap.resolution
+        if size_m < settings.min_frontier_size_m:
+            continue
+        around = np.s_[low - 1 : low + height + 1, left - 1 : left + width + 1]
+        touching = _cells(_dilated(labels[around] == label, _CROSS) & (steps[around] >= 0))
+        if len(touching):
+            cells = _nearest_first(touching + np.array([left - 1, low - 1]), centroids[label])
+            distance_m = float(steps[cells[:, 1], cells[:, 0]].min()) * costmap.resolution
+            cost = settings.potential_scale * distance_m - settings.gain_scale * size_m
+            column, row = centroids[label].tolist()
+            centroid = costmap.center_of(column - 1, row - 1)
+            # one cell of padding on either side, and centres half a cell from corners
+            approaches = costmap.origin + (cells - 0.5) * costmap.resolution
+            frontiers.append(Frontier(cost, size_m, distance_m, centroid, approaches))
     return sorted(frontiers, key=lambda frontier: frontier.cost)
 
 
@@ -173,16 +188,14 @@ def assign_frontiers(offers: Sequence[Sequence[Frontier]]) -> list[int | None]:
     if not centroids:
         return [None] * len(offers)
     costs = np.full((len(offers), len(centroids)), _OUT_OF_REACH)
-    place_of = [{frontier.centroid: place for place, frontier in enumerate(own)} for own in offers]
     for robot, own in enumerate(offers):
         for frontier in own:
             costs[robot, centroids.index(frontier.centroid)] = frontier.cost
     rounds = math.ceil(len(offers) / len(centroids))
     _, columns = linear_sum_assignment(np.hstack([costs + _SECOND * k for k in range(rounds)]))
-    return [
-        places.get(centroids[column % len(centroids)])
-        for places, column in zip(place_of, columns.tolist(), strict=True)
-    ]
+    places = [{frontier.centroid: place for place, frontier in enumerate(own)} for own in offers]
+    sent_to = [centroids[column % len(centroids)] for column in columns.tolist()]
+    return [own.get(centroid) for own, centroid in zip(places, sent_to, strict=True)]
 
 
 class FrontierExplorer:
@@ -195,7 +208,7 @@ class FrontierExplorer:
     mates' goals are left to them.
     """
 
-    def __init__(self, settings: FrontierSettings) -> None:
+    def __init__(self, settings: FrontierSettings = DEFAULTS) -> None:
         """An explorer that has no goal yet."""
         self._settings = settings
         self._blacklist: list[Point] = []
@@ -205,7 +218,7 @@ class FrontierExplorer:
         self._progress_time_s = 0.0
 
     def offers(
-        self, robot: Pose2D, costmap: OccupancyGrid, grid: OccupancyGrid, looks: npt.NDArray[np.float64]
+        self, robot: Pose2D, costmap: OccupancyGrid, grid: OccupancyGrid, looks: Floats
     ) -> list[Frontier]:
         """The frontiers that the robot can reach and has not given up, cheapest first, then gaps; or all."""
         frontiers = find_frontiers(costmap, robot, self._settings)
@@ -215,16 +228,10 @@ class FrontierExplorer:
     def parking_place(self, robot: Pose2D, costmap: OccupancyGrid, radius_m: float) -> Point | None:
         """The nearest place at which a robot is in no other's way; None if it stands at one or there is none.
 
-        A robot closes a disc to the others' centres. It is in the way where the disc parts what can be driven
-        on round it, within another ``radius_m``.
-
-        Args:
-            robot: in the costmap's frame.
-            costmap: as ``find_frontiers`` takes it.
-            radius_m: of the disc.
+        A robot closes a disc of ``radius_m`` to the others' centres. It is in the way where the disc parts
+        what can be driven on round it, within another ``radius_m``.
         """
-        padded = np.pad(costmap.data, 1, constant_values=100)
-        _, steps = _steps_over(padded, costmap, robot, self._settings)
+        steps = _reach(costmap, robot, self._settings)[1]
         reach = math.ceil(2.0 * radius_m / costmap.resolution)
         open_cells = np.pad(steps >= 0, reach)
         squares = np.square(np.arange(-reach, reach + 1) * costmap.resolution)
@@ -255,25 +262,21 @@ class FrontierExplorer:
             time_s: now; never less than at the last call.
             taken: goals of the other robots.
         """
-        while True:
-            choice = self._choose(frontiers, taken)
-            if choice is None and frontiers and self._chances > 0:
+        while (choice := self._choose(frontiers, taken)) or (frontiers and self._chances > 0):
+            if choice is None:
                 self._chances -= 1
                 self._blacklist.clear()
-                choice = self._choose(frontiers, taken)
-            if choice is None:
-                self._goal = None
-                return None
+                continue
             goal, distance_m = choice
-            same = self._goal is not None and _within(goal, self._goal, self._settings.blacklist_half_width_m)
-            if not same or distance_m < self._least_distance_m:
-                self._least_distance_m = distance_m
-                self._progress_time_s = time_s
+            is_same = self._goal is not None and not _is_apart(np.array(goal), self._goal, self._settings)
+            if not is_same or distance_m < self._least_distance_m:
+                self._least_distance_m, self._progress_time_s = distance_m, time_s
             self._goal = goal
             if time_s - self._progress_time_s <= self._settings.progress_timeout_s:
                 return goal
-            self._blacklist.append(goal)
-            self._goal = None
+            self.report(succeeded=False)
+        self._goal = None
+        return None
 
     def report(self, succeeded: bool) -> None:
         """Say how the drive to the last goal ended; one that was aborted is blacklisted."""
@@ -293,42 +296,41 @@ class FrontierExplorer:
                     return (x, y), frontier.distance_m
         return None
 
-    def _is_open(self, approaches: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    def _is_open(self, approaches: Floats) -> Cells:
         """(K,) for each of (K, 2) goals whether none that was given up is near."""
         is_open = np.ones(len(approaches), dtype=np.bool_)
         for point in self._blacklist:
-            is_open &= np.abs(approaches - point).max(axis=1) >= self._settings.blacklist_half_width_m
+            is_open &= _is_apart(approaches, point, self._settings)
         return is_open
 
 
-def _within(a: Point, b: Point, half_width_m: float) -> bool:
-    return abs(a[0] - b[0]) < half_width_m and abs(a[1] - b[1]) < half_width_m
+def _is_apart(goals: Floats, point: Point, settings: FrontierSettings) -> Cells:
+    """(...) for each of (..., 2) goals whether it is another than a point."""
+    return np.asarray(np.abs(goals - point).max(axis=-1) >= settings.blacklist_half_width_m)
 
 
-def _nearest_cell(mask: npt.NDArray[np.bool_], column: int, row: int) -> tuple[int, int] | None:
-    """(row, column) in the padded mask of the set cell nearest to the grid's (column, row), if any."""
-    row, column = row + 1, column + 1
-    if 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column]:
-        return row, column
-    rows, columns = np.nonzero(mask)
-    if len(rows) == 0:
-        return None
-    nearest = int(np.argmin(np.square(rows - row) + np.square(columns - column)))
-    return int(rows[nearest]), int(columns[nearest])
+def _reach(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings) -> tuple[Cells, Steps]:
+    """Which cells can be driven on, and 4-neighbour steps from the robot, -1 for none; padded by one cell."""
+    traversable = np.pad((costmap.data >= 0) & (costmap.data < settings.traversable_below), 1)
+    cells = _cells(traversable)
+    if len(cells) == 0:
+        return traversable, np.full(traversable.shape, -1, dtype=np.int32)
+    here = np.add(costmap.cell_at(robot.x, robot.y), 1)
+    column, row = cells[np.argmin(np.square(cells - here).sum(axis=1))].tolist()
+    return traversable, _spread(traversable, row, column)
 
 
-def _steps_over(
-    padded: npt.NDArray[np.int8], costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int32]]:
-    """Which of the padded costmap's cells can be driven on; 4-neighbour steps from the robot, -1 for none."""
-    traversable = (padded >= 0) & (padded < settings.traversable_below)
-    start = _nearest_cell(traversable, *costmap.cell_at(robot.x, robot.y))
-    if start is None:
-        return traversable, np.full(padded.shape, -1, dtype=np.int32)
-    return traversable, _steps_from(traversable, *start)
+def _cells(mask: Cells) -> Indices:
+    """(K, 2) columns and rows of the set cells, row after row."""
+    return np.argwhere(mask)[:, ::-1]
 
 
-def _see(grid: OccupancyGrid, points: npt.NDArray[np.float64], place: Point) -> npt.NDArray[np.bool_]:
+def _nearest_first(cells: Indices, place: Floats) -> Indices:
+    """(K, 2) cells, those nearest to a place (column, row) first."""
+    return cells[np.argsort(np.square(cells - place).sum(axis=1), kind="stable")]
+
+
+def _see(grid: OccupancyGrid, points: Floats, place: Point) -> Cells:
     """(N,) for each of (N, 2) points whether no occupied cell of the map parts it from a place."""
     samples = 2 * math.ceil(lengths(points - place).max(initial=0.0) / grid.resolution) + 1
     along = np.linspace(0.0, 1.0, samples)[:, None, None]
@@ -336,28 +338,18 @@ def _see(grid: OccupancyGrid, points: npt.NDArray[np.float64], place: Point) -> 
     return np.asarray((cells < OCCUPIED_FROM).reshape(samples, -1).all(axis=0))
 
 
-def _areas_from(cells: npt.NDArray[np.bool_], least_cells: float) -> npt.NDArray[np.bool_]:
+def _dilated(cells: Cells, kernel: npt.NDArray[np.generic]) -> Cells:
+    return np.asarray(cv2.dilate(cells.view(np.uint8), kernel) > 0)
+
+
+def _areas_from(cells: Cells, least_cells: float) -> Cells:
     """(H, W) the set cells that with 4-neighbours are at least so many, but for rounding."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.view(np.uint8), connectivity=4)
     return np.asarray(cells & (stats[:, cv2.CC_STAT_AREA] >= least_cells - 1e-6)[labels])
 
 
-def _touching_pairs(
-    labels: npt.NDArray[np.int32], reached: npt.NDArray[np.bool_], kept: npt.NDArray[np.bool_]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """(label, flat index of a reached 4-neighbour) of the kept labels' cells, each pair once, sorted."""
-    flat_labels, flat_reached = labels.ravel(), reached.ravel()
-    cells = np.flatnonzero(kept[flat_labels])
-    width = labels.shape[1]
-    neighbours = np.concatenate([cells + step for step in (-1, 1, -width, width)])
-    owners = np.tile(flat_labels[cells].astype(np.int64), 4)
-    touching = flat_reached[neighbours]
-    pairs = np.unique(owners[touching] * labels.size + neighbours[touching])
-    return np.divmod(pairs, labels.size)
-
-
 @njit
-def _steps_from(traversable: npt.NDArray[np.bool_], row: int, column: int) -> npt.NDArray[np.int32]:
+def _spread(traversable: Cells, row: int, column: int) -> Steps:
     """(H, W) int32: 4-neighbour steps from a cell, -1 where none lead; the mask's border is False."""
     height, width = traversable.shape
     steps = np.full(height * width, -1, dtype=np.int32)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.elementary import directions
 from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
@@ -19,10 +18,8 @@ from midnet_bench.mapping.correlative_matcher import (
     match,
     slid_scores,
 )
-from midnet_bench.mapping.grid_slam import GridSlam, ScanRays, scan_rays
-from midnet_bench.mapping.pose_graph import PoseGraph
-
-Floats = npt.NDArray[np.float64]
+from midnet_bench.mapping.grid_slam import ORIGIN, Floats, GridSlam, Indices, ScanRays
+from midnet_bench.mapping.pose_graph import Edge, PoseGraph
 
 # Chosen on one log and on drawn buildings: docs/studies/slips.md.
 FEWEST_BEAMS = 90
@@ -81,13 +78,10 @@ class _Scan(NamedTuple):
 
 
 class _Closure(NamedTuple):
-    """Node ``late`` was seen from the older node ``early``."""
+    """A later node was seen from an earlier one."""
 
-    early: int
-    late: int
-    pose: Pose2D  # of ``late`` in the map as it was then
-    measured: Pose2D  # of ``late`` in the frame of ``early``
-    information: Floats
+    edge: Edge
+    pose: Pose2D  # of the later node in the map as it was then
 
 
 class GraphSlam(GridSlam):
@@ -97,6 +91,7 @@ class GraphSlam(GridSlam):
     collapses, in a wider one. Scans of earlier visits close loops: their match is an edge of the graph. After
     a long way the last scans are matched together, so that one doorway is not taken for another. The scheme
     is open_karto's (Konolige et al. 2010, "Efficient sparse pose adjustment"). Nothing is left to chance.
+    Each integrated scan is a node.
 
     Args:
         geometry: of the sensor and its mount.
@@ -107,12 +102,11 @@ class GraphSlam(GridSlam):
 
     def __init__(self, geometry: LidarGeometry, initial: Pose2D) -> None:
         update = (LINEAR_UPDATE_M, ANGULAR_UPDATE_RAD, None)
-        super().__init__(geometry, update, RESOLUTION_M, OCCUPIED_THRESHOLD)
+        super().__init__(geometry, math.inf, update, RESOLUTION_M, OCCUPIED_THRESHOLD)
         self._initial = initial
         self._graph = PoseGraph()
         self._matched: list[_Scan] = []
-        self._odometry = initial
-        self._node_odometry = initial
+        self._odometry = self._node_odometry = initial
         self._untied_m = 0.0
         """driven since the last closed loop"""
         self._relaxed = 0
@@ -120,29 +114,6 @@ class GraphSlam(GridSlam):
         self._pending: list[_Closure] = []
         self.slips: list[tuple[int, float, float]] = []
         """taken against the wheels: the node, by how many metres and radians"""
-
-    def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
-        """As :meth:`GridSlam.process`; an integrated scan is a node of the graph."""
-        first = not self._scans
-        step = Pose2D(0.0, 0.0, 0.0) if first else odometry_pose.relative_to(self._odometry)
-        self._odometry = odometry_pose
-        if not self._is_due(step, time_s):
-            return False
-        rays = scan_rays(self.geometry, ranges_m, math.inf)
-        scan = _matchable(rays)
-        mount = self.geometry.mount
-        score = math.nan
-        if first:
-            self._graph.add_node(self._initial.compose(mount))
-        else:
-            step = odometry_pose.compose(mount).relative_to(self._node_odometry.compose(mount))
-            score = self._add_node(scan, step)
-            self._untied_m += self._way_m
-        self._matched.append(scan)
-        self._integrate(rays, time_s, score)
-        self._node_odometry = odometry_pose
-        self._close_loops(scan)
-        return True
 
     def finish(self) -> None:
         """Let the graph settle after the last scan."""
@@ -158,28 +129,45 @@ class GraphSlam(GridSlam):
     def _sensor_poses(self) -> Floats:
         return self._graph.poses
 
+    def _move(self, odometry_pose: Pose2D) -> Pose2D:
+        step = odometry_pose.relative_to(self._odometry) if self._scans else ORIGIN
+        self._odometry = odometry_pose
+        return step
+
+    def _integrate(self, rays: ScanRays) -> None:
+        scan, score, mount = _matchable(rays), math.nan, self.geometry.mount
+        if self._scans:
+            step = self._odometry.compose(mount).relative_to(self._node_odometry.compose(mount))
+            score = self._add_node(scan, step)
+            self._untied_m += self._way_m
+        else:
+            self._graph.add_node(self._initial.compose(mount))
+        self.scores.append(score)
+        self._matched.append(scan)
+        self._node_odometry = self._odometry
+        self._close_loops(scan)
+
     def _add_node(self, scan: _Scan, step: Pose2D) -> float:
         """Add the scan's node, ``step`` by the wheels after the last one; its score, NaN without a match."""
-        last = len(self._scans) - 1
-        pose, score = self._graph.pose(last).compose(step), math.nan
-        field = self._field(range(max(0, last + 1 - RUNNING_SCANS), last + 1), pose, WIDE.half_m)
+        node, last = len(self._matched), self._graph.pose(-1)
+        pose, score = last.compose(step), math.nan
+        field = self._field(range(max(0, node - RUNNING_SCANS), node), pose, WIDE.half_m)
         if field is not None and len(scan.points):
             found = match(field, scan.points, pose, NARROW)
             usual = [score for score in self.scores[-50:] if math.isfinite(score)]
             if usual and found.score < COLLAPSED * statistics.median(usual):
                 slipped = match(field, scan.points, pose, WIDE)
-                share = crossed(field, scan.points, pose)
                 is_clear = slipped.score >= SLIP_SCORE * statistics.median(usual)
-                if slipped.score > found.score + GAIN and (is_clear or share >= CROSSED):
+                contradicts = is_clear or crossed(field, scan.points, pose) >= CROSSED
+                if slipped.score > found.score + GAIN and contradicts:
                     turned = wrap_angle(slipped.pose.yaw - pose.yaw)
-                    self.slips.append((len(self._scans), slipped.pose.distance_to(pose), turned))
+                    self.slips.append((node, slipped.pose.distance_to(pose), turned))
                     found = slipped
-            pose, score = found._replace(pose=self._held(field, scan, pose, found))
-        information = self._matched_information(scan, self._graph.pose(last), pose, score)
-        by_wheels = 1.0 / (ODOMETRY_DEVIATION * ODOMETRY_DEVIATION)
-        information += np.diag([by_wheels, by_wheels, by_wheels])
+            pose, score = self._held(field, scan, pose, found), found.score
+        information = _information(scan, last, pose, score)
+        information += np.diag(np.full(3, 1.0 / (ODOMETRY_DEVIATION * ODOMETRY_DEVIATION)))
         self._graph.add_node(pose)
-        self._graph.add_edge(last, last + 1, pose.relative_to(self._graph.pose(last)), information)
+        self._graph.edges.append(Edge(node - 1, node, pose.relative_to(last), information))
         return score
 
     def _held(self, field: HitField, scan: _Scan, by_wheels: Pose2D, found: Match) -> Pose2D:
@@ -194,40 +182,36 @@ class GraphSlam(GridSlam):
 
     def _close_loops(self, scan: _Scan) -> None:
         """Tie the newest node to earlier visits of its place, and let the graph settle if that moved it."""
-        late = len(self._scans) - 1
-        here = self._graph.pose(late)
-        closures = [closure for early in self._earlier_visits(late) for closure in self._closure(early, scan)]
-        accepted = [closure for closure in closures if not self._far_apart(closure.pose, here)]
-        self._pending = [closure for closure in self._pending if late - closure.late <= _PENDING_NODES]
-        surprised = False
-        for closure in closures:
-            if self._far_apart(closure.pose, here):
-                self._pending.append(closure)
-                alike = [old for old in self._pending if self._agree(old, closure)]
-                if len(alike) >= AGREEING:
-                    surprised = True
-                    accepted += alike
-                    self._pending = [old for old in self._pending if not self._agree(old, closure)]
+        late, here = len(self._matched) - 1, self._graph.pose(-1)
+        closures = [closure for early in self._earlier_visits() for closure in self._closure(early, scan)]
+        accepted, is_surprised = [], False
+        self._pending = [closure for closure in self._pending if late - closure.edge.b <= _PENDING_NODES]
+        for closure in sorted(closures, key=lambda one: _far_apart(one.pose, here)):
+            if not _far_apart(closure.pose, here):
+                accepted.append(closure)
+                continue
+            self._pending.append(closure)
+            alike = [old for old in self._pending if self._agree(old, closure)]
+            if len(alike) >= AGREEING:
+                is_surprised = True
+                accepted += alike
+                self._pending = [old for old in self._pending if not self._agree(old, closure)]
         if not accepted:
             return
-        for closure in accepted:
-            self._graph.add_edge(
-                closure.early, closure.late, closure.measured, closure.information, doubted=True
-            )
+        self._graph.edges += [closure.edge for closure in accepted]
         self._untied_m = 0.0
-        if surprised:
+        if is_surprised:
             self._graph.optimize(rounds=10, doubting=False)
-        if surprised or late - self._relaxed >= max(5, late // 100):
+        if is_surprised or late - self._relaxed >= max(5, late // 100):
             self._graph.optimize(rounds=2)
             self._relaxed = late
 
-    def _earlier_visits(self, late: int) -> list[int]:
+    def _earlier_visits(self) -> list[int]:
         """The nearest node of each earlier visit within reach, the nearest visits first."""
-        poses = self._graph.poses
-        old = max(0, late - RUNNING_SCANS)
-        away = lengths(poses[:old, :2] - poses[late, :2])
+        places = self._graph.poses[:, :2]
+        away = lengths(places[: max(0, len(places) - 1 - RUNNING_SCANS)] - places[-1])
         near = np.flatnonzero(away < LOOP_RADIUS_M + self._loop_window().half_m)
-        if len(near) == 0 or len(self._matched[late].points) < _FEWEST_POINTS:
+        if len(near) == 0 or len(self._matched[-1].points) < _FEWEST_POINTS:
             return []
         visits = np.split(near, np.flatnonzero(np.diff(near) > 3) + 1)
         nearest = [int(visit[np.argmin(away[visit])]) for visit in visits]
@@ -235,17 +219,14 @@ class GraphSlam(GridSlam):
 
     def _loop_window(self) -> Window:
         """As wide as the pose may have drifted on the way since the last loop."""
-        drift_m = 0.2 + 0.02 * self._untied_m
-        return Window(
-            min(0.2 + 0.03 * self._untied_m, 3.0),
-            min(0.1 + 0.005 * self._untied_m, 0.4),
-            0.03 / (drift_m * drift_m),
-            0.1,
-        )
+        way_m = self._untied_m
+        drift_m = 0.2 + 0.02 * way_m
+        pull = 0.03 / (drift_m * drift_m)
+        return Window(min(0.2 + 0.03 * way_m, 3.0), min(0.1 + 0.005 * way_m, 0.4), pull, 0.1)
 
     def _closure(self, early: int, scan: _Scan) -> list[_Closure]:
         """The match of the newest node's scan with those around an early node, if it is good enough."""
-        late = len(self._scans) - 1
+        late, seen_from = len(self._matched) - 1, self._graph.pose(early)
         nodes = range(max(0, early - LOOP_SCANS), min(late - RUNNING_SCANS, early + LOOP_SCANS + 1))
         pose, window = self._graph.pose(late), self._loop_window()
         field = self._field(nodes, pose, window.half_m + NARROW.half_m)
@@ -258,14 +239,13 @@ class GraphSlam(GridSlam):
         pose, score = match(field, scan.points, pose, NARROW)
         if score < LOOP_SCORE:
             return []
-        seen_from = self._graph.pose(early)
-        information = self._matched_information(scan, seen_from, pose, score)
-        return [_Closure(early, late, pose, pose.relative_to(seen_from), information)]
+        information = _information(scan, seen_from, pose, score)
+        return [_Closure(Edge(early, late, pose.relative_to(seen_from), information, True), pose)]
 
     def _recent_points(self) -> Floats:
         """(B, 2) points of the last scans in the newest one's frame, thinned, metres."""
-        last = range(max(0, len(self._scans) - LATELY_SCANS), len(self._scans))
-        here = self._graph.pose(len(self._scans) - 1)
+        last = range(max(0, len(self._matched) - LATELY_SCANS), len(self._matched))
+        here = self._graph.pose(-1)
         points = np.concatenate(
             [self._graph.pose(node).relative_to(here).transform(self._matched[node].points) for node in last]
         )
@@ -274,33 +254,34 @@ class GraphSlam(GridSlam):
 
     def _agree(self, old: _Closure, new: _Closure) -> bool:
         """Whether two closures move the robot alike, the way between them driven as the graph has it."""
-        driven = self._graph.pose(new.late).relative_to(self._graph.pose(old.late))
-        return not self._far_apart(old.pose.compose(driven), new.pose)
-
-    def _far_apart(self, one: Pose2D, other: Pose2D) -> bool:
-        turn_rad = abs(wrap_angle(one.yaw - other.yaw))
-        return one.distance_to(other) > SURPRISE_M or turn_rad > SURPRISE_RAD
-
-    def _matched_information(self, scan: _Scan, seen_from: Pose2D, pose: Pose2D, score: float) -> Floats:
-        """(3, 3) information of a match: each point holds it along its wall's normal; 0 without a match."""
-        if not math.isfinite(score):
-            return np.zeros((3, 3))
-        cos, sin = pose.relative_to(seen_from).direction
-        (x, y), (along_x, along_y) = scan.points.T, scan.normals.T
-        by_pose = np.stack(
-            [cos * along_x - sin * along_y, sin * along_x + cos * along_y, x * along_y - y * along_x], axis=1
-        )
-        share = score / HIT_DEVIATION_M
-        information: Floats = share * share * (by_pose[:, :, None] * by_pose[:, None, :]).sum(axis=0)
-        return information
+        driven = self._graph.pose(new.edge.b).relative_to(self._graph.pose(old.edge.b))
+        return not _far_apart(old.pose.compose(driven), new.pose)
 
     def _field(self, nodes: Sequence[int], around: Pose2D, window_m: float) -> HitField | None:
         """The hits of some nodes as far as a scan from the window around a pose can meet them."""
-        hits = [self._graph.pose(node).transform(self._matched[node].points) for node in nodes]
-        near = np.concatenate(hits)
-        limit_m = FARTHEST_M + window_m
-        near = near[np.abs(near - (around.x, around.y)).max(axis=1) < limit_m]
+        near = np.concatenate(
+            [self._graph.pose(node).transform(self._matched[node].points) for node in nodes]
+        )
+        near = near[np.abs(near - (around.x, around.y)).max(axis=1) < FARTHEST_M + window_m]
         return hit_field(near) if len(near) else None
+
+
+def _far_apart(one: Pose2D, other: Pose2D) -> bool:
+    return one.distance_to(other) > SURPRISE_M or abs(wrap_angle(one.yaw - other.yaw)) > SURPRISE_RAD
+
+
+def _information(scan: _Scan, seen_from: Pose2D, pose: Pose2D, score: float) -> Floats:
+    """(3, 3) information of a match: each point holds it along its wall's normal; 0 without a match."""
+    if not math.isfinite(score):
+        return np.zeros((3, 3))
+    cos, sin = pose.relative_to(seen_from).direction
+    (x, y), (along_x, along_y) = scan.points.T, scan.normals.T
+    by_pose = np.stack(
+        [cos * along_x - sin * along_y, sin * along_x + cos * along_y, x * along_y - y * along_x], axis=1
+    )
+    share = score / HIT_DEVIATION_M
+    information: Floats = share * share * (by_pose[:, :, None] * by_pose[:, None, :]).sum(axis=0)
+    return information
 
 
 def _matchable(rays: ScanRays) -> _Scan:
@@ -317,7 +298,7 @@ def _matchable(rays: ScanRays) -> _Scan:
     return _Scan(hits[kept], normals[kept])
 
 
-def _thinned(points: Floats, side_m: float) -> npt.NDArray[np.int64]:
+def _thinned(points: Floats, side_m: float) -> Indices:
     """The indices, ascending, of the first point in each square of the plane."""
     cells = np.floor(points / side_m).astype(np.int64)
     cells -= cells.min(axis=0, initial=0)

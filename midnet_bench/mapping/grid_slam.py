@@ -14,12 +14,16 @@ from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
 
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 ArgsT = TypeVar("ArgsT")
 ClimbT = TypeVar("ClimbT", bound=Callable[..., object])
 Score = Callable[[ArgsT, Pose2D, float], float]
 """The score of a pose, or anything up to the third argument if it cannot get above that."""
 
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _MOVES = ((1, 0, 0), (-1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1))
+_MARGIN_CELLS = 64  # spare cells on each side when the map grows, so that it does not grow with every scan
 
 
 def _inlined(function: ClimbT) -> ClimbT:
@@ -59,17 +63,12 @@ def hill_climb(
 
 
 @njit
-def rotate(points: npt.NDArray[np.float64], yaw: float, rotated: npt.NDArray[np.float64]) -> None:
+def rotate(points: Floats, yaw: float, rotated: Floats) -> None:
     """Fill ``rotated`` (B, 2) with the points (B, 2) turned by ``yaw``, radians."""
     cos, sin = cos_sin(yaw)
     for b in range(points.shape[0]):
         rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
         rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
-
-
-Floats = npt.NDArray[np.float64]
-
-_MARGIN_CELLS = 64  # spare cells on each side when the map grows, so that it does not grow with every scan
 
 
 class ScanRays(NamedTuple):
@@ -82,32 +81,29 @@ class ScanRays(NamedTuple):
 def scan_rays(geometry: LidarGeometry, ranges_m: Floats, usable_m: float) -> ScanRays:
     """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
 
-    GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
-    sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``. Not a number,
-    0, anything below the sensor's least range and a finite return beyond its largest say nothing.
-    Infinity means "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it,
-    and then never clears open space.
-
-    Args:
-        geometry: of the sensor; one convention of beam angles for matching and drawing (GMapping has two,
-            half a beam apart).
-        ranges_m: (B,) as the sensor reported them.
-        usable_m: ``maxUrange``.
+    GMapping's rule (``registerScan``): a return below ``usable_m`` (its maxUrange) clears and hits; one from
+    there up to the sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``.
+    Not a number, 0, and what lies below the least or above the largest range say nothing. Infinity means
+    "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it, and so never clears
+    open space. GMapping has two conventions of beam angles, half a beam apart; here there is one.
     """
     largest_m = geometry.range_max_m - 0.01
     usable_m = min(usable_m, largest_m)
-    angles = geometry.angles_rad
     valid = (ranges_m >= geometry.range_min_m) & (ranges_m > 0.0)
     hit = valid & (ranges_m < usable_m)
     clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
     lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
+    angles = geometry.angles_rad
     ends = lengths[:, None] * directions(np.concatenate([angles[hit], angles[clear]]))
     return ScanRays(ends, int(np.count_nonzero(hit)))
 
 
 @njit
-def trace_rays(pose: Floats, ends: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
+def trace_rays(pose: Floats, ends: Floats) -> tuple[Indices, Floats]:
     """((M, 2) column and row of each cell that rays visit before their end cells, (B, 2) x, y of their ends).
+
+    Bresenham's lines as GMapping draws them (``gridlinetraversal.h``): where a line passes midway between two
+    cells it takes another one than costmap_2d's, which ``navigation.costmap`` draws, in a third of all lines.
 
     Args:
         pose: (3,) of the sensor, cells and radians.
@@ -115,66 +111,50 @@ def trace_rays(pose: Floats, ends: Floats) -> tuple[npt.NDArray[np.int64], Float
     """
     placed = np.empty_like(ends)
     cos, sin = cos_sin(pose[2])
-    column, row = math.floor(pose[0]), math.floor(pose[1])
+    first_column, first_row = math.floor(pose[0]), math.floor(pose[1])
     count = 0
     for b in range(ends.shape[0]):
         placed[b, 0] = pose[0] + cos * ends[b, 0] - sin * ends[b, 1]
         placed[b, 1] = pose[1] + sin * ends[b, 0] + cos * ends[b, 1]
-        count += max(abs(math.floor(placed[b, 0]) - column), abs(math.floor(placed[b, 1]) - row))
+        dx, dy = math.floor(placed[b, 0]) - first_column, math.floor(placed[b, 1]) - first_row
+        count += max(abs(dx), abs(dy))
     cells = np.empty((count, 2), dtype=np.int64)
     count = 0
     for b in range(ends.shape[0]):
-        count += trace_line(column, row, math.floor(placed[b, 0]), math.floor(placed[b, 1]), cells[count:])
+        column, row = first_column, first_row
+        dx, dy = math.floor(placed[b, 0]) - column, math.floor(placed[b, 1]) - row
+        step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+        dx, dy = abs(dx), abs(dy)
+        error = dx - dy
+        for _ in range(max(dx, dy)):
+            cells[count, 0], cells[count, 1] = column, row
+            count += 1
+            twice = 2 * error
+            if twice > -dy:
+                error -= dy
+                column += step_x
+            if twice < dx:
+                error += dx
+                row += step_y
     return cells, placed
-
-
-@njit
-def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.NDArray[np.int64]) -> int:
-    """How many cells Bresenham's line visits before its end cell; ``cells[:count]`` holds them.
-
-    As GMapping draws it (``gridlinetraversal.h``): where a line passes midway between two cells it takes
-    another one than costmap_2d's, which ``navigation.costmap.line_steps`` walks, in a third of all lines.
-    """
-    dx, dy = abs(end_column - column), abs(end_row - row)
-    step_x = 1 if end_column > column else -1
-    step_y = 1 if end_row > row else -1
-    error = dx - dy
-    count = max(dx, dy)
-    for k in range(count):
-        cells[k, 0] = column
-        cells[k, 1] = row
-        twice = 2 * error
-        if twice > -dy:
-            error -= dy
-            column += step_x
-        if twice < dx:
-            error += dx
-            row += step_y
-    return count
 
 
 class VisitMap:
     """Hits and visits of traced scans; a scan can be taken back, which leaves no trace of it.
 
-    Bresenham from the sensor's cell to the end cell: every cell before the last gets a visit, the last one a
-    visit and a hit; a ray that only clears stops before its last cell (GMapping, ``computeActiveArea`` and
-    ``registerScan`` with generateMap).
+    Each cell on a ray before the last gets a visit, the last one a visit and a hit; a ray that only clears
+    stops before its last cell (GMapping, ``computeActiveArea`` and ``registerScan`` with generateMap).
     """
 
     def __init__(self, resolution_m: float) -> None:
         self.resolution_m = resolution_m
         self._origin_cells = np.zeros(2, dtype=np.int64)
-        self._hits = np.zeros((0, 0), dtype=np.int32)
-        self._visits = np.zeros((0, 0), dtype=np.int32)
+        self._counts = np.zeros((2, 0, 0), dtype=np.int32)  # hits and visits
 
     def add(self, pose: Floats, ends_m: Floats, hits: int, count: int = 1) -> None:
-        """Trace a scan.
+        """Trace the rays of a scan from the sensor's pose (3,), metres and radians.
 
-        Args:
-            pose: (3,) sensor pose in the map frame, metres and radians.
-            ends_m: (B, 2) float64 ends of the rays in the sensor frame.
-            hits: how many of them, from the first on, end at an obstacle.
-            count: 1; -1 takes back a scan that was added with the same arguments.
+        ``count``: 1; -1 takes back a scan that was added with the same arguments.
         """
         if len(ends_m) == 0:
             return
@@ -182,7 +162,7 @@ class VisitMap:
         self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
         cells = pose.copy()
         cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
-        _count(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
+        _count(self._counts, cells, ends_m / self.resolution_m, hits, count)
 
     def occupancy(self, occupied_threshold: float) -> OccupancyGrid:
         """int8 grid of what is known: 100 where hits / visits exceeds the threshold, 0 elsewhere, -1 unknown.
@@ -190,52 +170,39 @@ class VisitMap:
         As large as the known cells; its origin is the corner of cell (0, 0), a multiple of the resolution
         (GMapping publishes that cell's centre, half a cell off the convention).
         """
-        rows = np.flatnonzero(self._visits.any(axis=1))
-        columns = np.flatnonzero(self._visits.any(axis=0))
+        rows, columns = (np.flatnonzero(self._counts[1].any(axis=axis)) for axis in (1, 0))
         if len(rows) == 0:
             return OccupancyGrid(np.zeros((0, 0), dtype=np.int8), self.resolution_m, (0.0, 0.0))
-        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        hits, visits = self._hits[window], self._visits[window]
+        hits, visits = self._counts[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         data = np.where(hits > occupied_threshold * visits, 100, 0)
         data[visits == 0] = -1
-        corner_x = float(self._origin_cells[0] + columns[0]) * self.resolution_m
-        corner_y = float(self._origin_cells[1] + rows[0]) * self.resolution_m
-        return OccupancyGrid(data.astype(np.int8), self.resolution_m, (corner_x, corner_y))
+        first = self._origin_cells + np.array([columns[0], rows[0]])
+        x, y = (first * self.resolution_m).tolist()
+        return OccupancyGrid(data.astype(np.int8), self.resolution_m, (x, y))
 
     def _grow(self, low_m: Floats, high_m: Floats) -> None:
         low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1
         high = np.floor(high_m / self.resolution_m).astype(np.int64) + 2
-        if self._visits.size == 0:
+        if self._counts.size == 0:
             self._origin_cells = low.copy()
-        size = np.array(self._visits.shape[::-1])
         before = self._origin_cells - low
-        after = high - self._origin_cells - size
-        before = np.where(before > 0, before + _MARGIN_CELLS, 0)
-        after = np.where(after > 0, after + _MARGIN_CELLS, 0)
+        after = high - self._origin_cells - self._counts.shape[:0:-1]
+        before, after = (np.where(cells > 0, cells + _MARGIN_CELLS, 0) for cells in (before, after))
         if before.any() or after.any():
-            widths = ((before[1], after[1]), (before[0], after[0]))
-            self._hits = np.pad(self._hits, widths)
-            self._visits = np.pad(self._visits, widths)
+            self._counts = np.pad(self._counts, ((0, 0), (before[1], after[1]), (before[0], after[0])))
             self._origin_cells = self._origin_cells - before
 
 
 @njit
-def _count(
-    cell_hits: npt.NDArray[np.int32],
-    cell_visits: npt.NDArray[np.int32],
-    pose: Floats,
-    ends: Floats,
-    hits: int,
-    count: int,
-) -> None:
-    """Add ``count`` (1 or -1) to the visits and hits of the cells on a scan's rays; all lengths in cells."""
+def _count(counts: npt.NDArray[np.int32], pose: Floats, ends: Floats, hits: int, count: int) -> None:
+    """Add ``count`` (1 or -1) to the hits and visits of the cells on a scan's rays; all lengths in cells."""
     cells, placed = trace_rays(pose, ends)
     for k in range(cells.shape[0]):
-        cell_visits[cells[k, 1], cells[k, 0]] += count
+        counts[1, cells[k, 1], cells[k, 0]] += count
     for b in range(hits):
         column, row = math.floor(placed[b, 0]), math.floor(placed[b, 1])
-        cell_visits[row, column] += count
-        cell_hits[row, column] += count
+        counts[0, row, column] += count
+        counts[1, row, column] += count
 
 
 class GridSlam(ABC):
@@ -246,6 +213,7 @@ class GridSlam(ABC):
     def __init__(
         self,
         geometry: LidarGeometry,
+        usable_m: float,
         update: tuple[float, float, float | None],
         resolution_m: float,
         occupied_threshold: float,
@@ -254,6 +222,7 @@ class GridSlam(ABC):
 
         Args:
             geometry: of the sensor and its mount.
+            usable_m: returns nearer than this hit.
             update: a scan is integrated after a drive of so many metres, a turn by so many radians, or after
                 so many seconds; None: time alone is no reason.
             resolution_m: side of a cell of the map.
@@ -264,9 +233,9 @@ class GridSlam(ABC):
         """How well each integrated scan fitted the map then, 0 to 1; NaN where there was nothing to fit."""
         self._stamps_s: list[float] = []
         self._scans: list[ScanRays] = []
-        self._update = update
+        self._usable_m, self._update = usable_m, update
         self._driven_m = self._turned_rad = 0.0
-        self._is_next_due = False
+        self._is_next_due = True
         self._way_m = 0.0
         """driven between the last two scans that were integrated"""
         self._resolution_m, self._occupied_threshold = resolution_m, occupied_threshold
@@ -274,8 +243,7 @@ class GridSlam(ABC):
         self._drawn = np.empty((0, 3))
         """the poses at which scans are drawn"""
 
-    @abstractmethod
-    def process(self, odometry_pose: Pose2D, ranges_m: npt.NDArray[np.float64], time_s: float) -> bool:
+    def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
         """Take a scan; True if it was integrated, False if the robot had not moved or waited enough.
 
         Args:
@@ -283,6 +251,23 @@ class GridSlam(ABC):
             ranges_m: (beams,) metres.
             time_s: when the scan was taken, seconds.
         """
+        if ranges_m.shape != (self.geometry.beams,):
+            raise ValueError(f"a scan of shape {ranges_m.shape} from a sensor of {self.geometry.beams} beams")
+        step = self._move(odometry_pose)
+        self._driven_m += math.hypot(step.x, step.y)
+        self._turned_rad += abs(step.yaw)
+        linear_m, angular_rad, temporal_s = self._update
+        is_due = self._is_next_due or self._driven_m >= linear_m or self._turned_rad >= angular_rad
+        if not is_due and (temporal_s is None or time_s - self._stamps_s[-1] <= temporal_s):
+            return False
+        self._way_m = self._driven_m
+        self._driven_m = self._turned_rad = 0.0
+        self._is_next_due = False
+        rays = scan_rays(self.geometry, ranges_m, self._usable_m)
+        self._integrate(rays)
+        self._scans.append(rays)
+        self._stamps_s.append(time_s)
+        return True
 
     def take_next(self) -> None:
         """Integrate the next scan, however little the robot has moved until then."""
@@ -294,7 +279,15 @@ class GridSlam(ABC):
         """The robot's base in the map frame, by all scans and the odometry since the last one."""
 
     @abstractmethod
-    def _sensor_poses(self) -> npt.NDArray[np.float64]:
+    def _move(self, odometry_pose: Pose2D) -> Pose2D:
+        """Go by newer odometry; the step since the last one, none for the first."""
+
+    @abstractmethod
+    def _integrate(self, rays: ScanRays) -> None:
+        """Take a scan into the estimate, and its score into ``scores``."""
+
+    @abstractmethod
+    def _sensor_poses(self) -> Floats:
         """(N, 3) where the sensor was at each integrated scan, map frame, metres and radians."""
 
     @property
@@ -323,25 +316,6 @@ class GridSlam(ABC):
         self._drawn = np.concatenate([self._drawn, poses[old:]])
         return self._visit_map.occupancy(self._occupied_threshold)
 
-    def _is_due(self, step: Pose2D, time_s: float) -> bool:
-        """Whether the scan at ``time_s``, ``step`` after the one before, is to be integrated."""
-        self._driven_m += math.hypot(step.x, step.y)
-        self._turned_rad += abs(step.yaw)
-        linear_m, angular_rad, temporal_s = self._update
-        due = self._is_next_due or not self._stamps_s
-        due = due or self._driven_m >= linear_m or self._turned_rad >= angular_rad
-        if not due and (temporal_s is None or time_s - self._stamps_s[-1] <= temporal_s):
-            return False
-        self._way_m = self._driven_m
-        self._driven_m = self._turned_rad = 0.0
-        self._is_next_due = False
-        return True
-
-    def _integrate(self, rays: ScanRays, time_s: float, score: float) -> None:
-        self._scans.append(rays)
-        self._stamps_s.append(time_s)
-        self.scores.append(score)
-
-    def _base_pose(self, sensor_pose: npt.NDArray[np.float64]) -> Pose2D:
+    def _base_pose(self, sensor_pose: Floats) -> Pose2D:
         pose = Pose2D(*sensor_pose.tolist()).compose(self.geometry.mount.inverse())
         return pose._replace(yaw=wrap_angle(pose.yaw))

@@ -83,9 +83,11 @@ def map_scans(
         )
     start = log.scans[0].odometry
     slam: GridSlam = GraphSlam(log.geometry, start)
+    share = GRAPH_COLLAPSED
     if particles is not None:
         settings = replace(RECORDED_LOG, particles=particles)
         slam = GMapping(log.geometry, settings, start, stream(seed, "gmapping"), threads)
+        share = COLLAPSED
     every = math.ceil(len(log) / (MAX_LOOKS - 1))
     integrated = []
     for done, scan in enumerate(log, start=1):
@@ -103,45 +105,39 @@ def map_scans(
             f"{log.path}: no range of the scans after which the robot moved lies between 0 and "
             f"{log.geometry.range_max_m:g} m; there is nothing to map"
         )
-    share = GRAPH_COLLAPSED if particles is None else COLLAPSED
-    broken = collapse(log, integrated, slam.scores, share)
-    warnings = [*log.warnings, *([] if broken is None else [f"{log.path}: {broken}"])]
+    found = collapse(log, integrated, slam.scores, share)
     if isinstance(slam, GraphSlam) and slam.slips:
         node, way_m, turn_rad = slam.slips[0]
         others = f", and so {len(slam.slips) - 1} more times" if len(slam.slips) > 1 else ""
-        warnings.append(
-            f"{log.path}: scan {integrated[node]}: taken {way_m:.2f} m and {math.degrees(turn_rad):.0f} "
-            f"degrees off the wheels{others}: they slipped, or the map is broken from there on"
+        found.append(
+            f"scan {integrated[node]}: taken {way_m:.2f} m and {math.degrees(turn_rad):.0f} degrees off the "
+            f"wheels{others}: they slipped, or the map is broken from there on"
         )
+    warnings = [*log.warnings, *(f"{log.path}: {line}" for line in found)]
     return MappingResult(grid, slam.trajectory, len(log), integrated, warnings)
 
 
 def collapse(
     log: ScanLog, integrated: Sequence[int], scores: Sequence[float], share: float = COLLAPSED
-) -> str | None:
-    """The scan at which the map broke, in words; None if it did not.
+) -> list[str]:
+    """A line on the scan at which the map broke; none if it did not.
 
     That is the first scan whose score is below ``share`` times the median of the log. The scan after it
-    may fit again, but what it fits is a second map over the first.
-
-    Args:
-        log: the scans.
-        integrated: the number, from 1, of each scan that was integrated.
-        scores: of these scans, as :attr:`GMapping.scores` has them.
-        share: ``COLLAPSED`` or ``GRAPH_COLLAPSED``.
+    may fit again, but what it fits is a second map over the first. ``integrated`` has the number, from 1, of
+    each scan that was integrated, and ``scores`` what :attr:`GridSlam.scores` says of it.
     """
     known = [score for score in scores if math.isfinite(score)]
-    if not known:
-        return None
-    median = statistics.median(known)
-    low = [number for number, score in zip(integrated, scores, strict=True) if score < share * median]
+    median = statistics.median(known) if known else 0.0
+    low = [
+        (number, score) for number, score in zip(integrated, scores, strict=True) if score < share * median
+    ]
     if not low:
-        return None
-    number = low[0]
+        return []
+    number, score = low[0]
     step = log.scans[number - 1].odometry.relative_to(log.scans[max(0, number - 2)].odometry)
     others = f", and {len(low) - 1} later scans like it" if len(low) > 1 else ""
-    return (
+    return [
         f"scan {number}: heading changed by {math.degrees(step.yaw):.0f} degrees and the place by "
-        f"{math.hypot(step.x, step.y):.2f} m, score {scores[integrated.index(number)]:.2f}, "
-        f"median {median:.2f}{others}: the map may be broken from there on"
-    )
+        f"{math.hypot(step.x, step.y):.2f} m, score {score:.2f}, median {median:.2f}{others}: the map may be "
+        "broken from there on"
+    ]

@@ -18,6 +18,9 @@ from midnet_bench.grid import (
     values_at,
 )
 
+Cells = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+
 _SLACK = 1e-6  # Keeps cells exactly one cell apart within one cell, whatever the rounding.
 
 
@@ -43,18 +46,13 @@ def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_ra
     Args:
         built: int8, -1 unknown, 0 to 100; occupied from 65 on.
         truth: the same, nothing to be explored where it is -1.
-        start: (x, y) of a place in the truth's frame that the robot can stand on.
+        start: as :func:`reachable_free` takes it, which raises ValueError.
         robot_radius_m: of the disc that the robot counts as.
-
-    Raises:
-        ValueError: if no robot can stand at ``start``.
     """
-    reachable = reachable_free(truth, start, robot_radius_m)
+    reachable, is_wall = reachable_free(truth, start, robot_radius_m), truth.data >= OCCUPIED_FROM
     known = values_at(built.data, built, cell_centers(truth, reachable), outside=-1) >= 0
-
-    faces = (truth.data >= OCCUPIED_FROM) & (cv2.dilate(reachable.view(np.uint8), np.ones((3, 3))) > 0)
-    walls = cell_centers(truth, truth.data >= OCCUPIED_FROM)
-    found = cell_centers(built, built.data >= OCCUPIED_FROM)
+    faces = is_wall & (cv2.dilate(reachable.view(np.uint8), np.ones((3, 3))) > 0)
+    walls, found = cell_centers(truth, is_wall), cell_centers(built, built.data >= OCCUPIED_FROM)
     one_cell = truth.resolution * (1.0 + _SLACK)
     return MapScore(
         free_covered=_mean(known),
@@ -64,7 +62,7 @@ def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_ra
     )
 
 
-def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> npt.NDArray[np.bool_]:
+def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Cells:
     """(H, W) bool: the free cells that a disc can cover, driving from ``start`` and touching nothing.
 
     Args:
@@ -86,7 +84,7 @@ def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) ->
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
 
 
-def closed_spaces(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> npt.NDArray[np.bool_]:
+def closed_spaces(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Cells:
     """(H, W) bool: the free cells that ``reachable_free`` leaves out in pieces of a disc's area or more.
 
     Rooms without a door or with one too narrow; not the odd cells in corners that no disc can cover.
@@ -99,9 +97,7 @@ def closed_spaces(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> 
     return np.isin(labels, rooms)
 
 
-def _nearest(
-    points: npt.NDArray[np.float64], targets: npt.NDArray[np.float64], p: float
-) -> npt.NDArray[np.float64]:
+def _nearest(points: Floats, targets: Floats, p: float) -> Floats:
     """(N,) from each point to the nearest target in the p-norm, metres; inf without targets."""
     if len(points) == 0 or len(targets) == 0:
         return np.full(len(points), np.inf)
@@ -109,5 +105,5 @@ def _nearest(
     return np.asarray(distances, dtype=np.float64)
 
 
-def _mean(values: npt.NDArray[np.bool_] | npt.NDArray[np.float64]) -> float:
+def _mean(values: Cells | Floats) -> float:
     return math.fsum(values.tolist()) / len(values) if len(values) else math.nan

@@ -16,10 +16,8 @@ import scipy.fft
 
 from midnet_bench.geometry import Pose2D, mean_point, wrap_angle
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cell_centers, cells_to_unset, values_at
-from midnet_bench.mapping.grid_slam import hill_climb
-from midnet_bench.mapping.mapping_settings import MergeSettings
+from midnet_bench.mapping.grid_slam import ORIGIN, Floats, hill_climb
 
-FloatArray = npt.NDArray[np.float64]
 Image = npt.NDArray[np.float32]
 
 TOLERANCE_M = 0.1
@@ -27,16 +25,25 @@ TOLERANCE_M = 0.1
 
 _REACHES_M = {0.2: 3, 0.1: 3, 0.05: 4}
 """reach of a wall's pull, metres: how often the step is halved, to 3 mm at last"""
-_POINTS = 1500
+_POINTS = 1500  # of a map's walls that a refinement looks at, about
 _COARSE_CELL_M = 0.1
-_PEAKS_PER_TURN = 2
-_PEAK_RADIUS_M = 0.6
+_PEAKS_PER_TURN, _PEAK_CELLS = 2, 6  # placements that a turn suggests, and how far they are apart
 _CONTRADICTION_WEIGHT = 3.0
-
-_HALO_M = 1.0
-_RATIO = 0.7
+_HALO_M = 1.0  # features see walls up to this distance
+_RATIO = 0.7  # of Lowe's ratio test
 _INLIER_CELLS = 3.0
 _MIN_MATCHES = 6
+
+
+@dataclass(frozen=True)
+class MergeSettings:
+    """When two maps are merged and when they are refused."""
+
+    min_confidence: float = 0.7  # multirobot_map_merge's 1.0 leaves out good pairs
+    max_scale_error: float = 0.02
+    min_agreement: float = 0.9
+    min_overlap: float = 0.25
+    max_rival: float = 0.3
 
 
 class Proposal(NamedTuple):
@@ -55,21 +62,14 @@ def propose(first: OccupancyGrid, second: OccupancyGrid) -> Proposal | None:
     translation and one scale (OpenCV's draws from a generator of its own, always alike). What it is fed
     differs: not the grid's bytes, where the ragged edge of the unknown is the strongest feature, but each
     cell's distance from the nearest occupied one up to 1 m, which two partial views of a wall have in
-    common.
-
-    Args:
-        first: int8, occupied from 65 on.
-        second: the same; of any resolution.
+    common. The maps are int8, occupied from 65 on, of any resolutions.
     """
-    points_a, descriptors_a = _features(first)
-    points_b, descriptors_b = _features(second)
-    pairs = sorted(
-        set(_distinct(descriptors_a, descriptors_b))
-        | {(a, b) for b, a in _distinct(descriptors_b, descriptors_a)}
-    )
+    (points_a, described_a), (points_b, described_b) = _features(first), _features(second)
+    there, back = _distinct(described_a, described_b), _distinct(described_b, described_a)
+    pairs = np.array(sorted(set(there) | {(a, b) for b, a in back}))
     if len(pairs) < _MIN_MATCHES:
         return None
-    matched_a, matched_b = points_a[[a for a, _ in pairs]], points_b[[b for _, b in pairs]]
+    matched_a, matched_b = points_a[pairs[:, 0]], points_b[pairs[:, 1]]
     transform, inlier_mask = cv2.estimateAffinePartial2D(
         matched_b,
         matched_a,
@@ -83,23 +83,22 @@ def propose(first: OccupancyGrid, second: OccupancyGrid) -> Proposal | None:
     inliers = inlier_mask.ravel().astype(bool)
     (c, _, _), (s, _, _) = transform.tolist()
     yaw = math.atan2(s, c)
-    center_a, center_b = matched_a[inliers].mean(axis=0), matched_b[inliers].mean(axis=0)
-    turned = Pose2D(0.0, 0.0, yaw).compose(Pose2D(float(center_b[0]), float(center_b[1]), 0.0))
-    pose = Pose2D(float(center_a[0]) - turned.x, float(center_a[1]) - turned.y, yaw)
-    return Proposal(pose, float(inliers.sum()) / (8.0 + 0.3 * len(pairs)), math.hypot(c, s))
+    (x, y), center_b = matched_a[inliers].mean(axis=0).tolist(), matched_b[inliers].mean(axis=0).tolist()
+    turned = Pose2D(0.0, 0.0, yaw).compose(Pose2D(*center_b, 0.0))
+    confidence = float(inliers.sum()) / (8.0 + 0.3 * len(pairs))
+    return Proposal(Pose2D(x - turned.x, y - turned.y, yaw), confidence, math.hypot(c, s))
 
 
-def _features(grid: OccupancyGrid) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
+def _features(grid: OccupancyGrid) -> tuple[Floats, npt.NDArray[np.uint8]]:
     """((N, 2) x, y in the grid's frame in metres, (N, 61) descriptors)."""
     not_wall = (grid.data < OCCUPIED_FROM).view(np.uint8)
-    none = np.zeros((0, 2)), np.zeros((0, 61), dtype=np.uint8)
-    if not_wall.all():
-        return none
-    distance_m = cells_to_unset(not_wall) * grid.resolution
-    image = np.rint(np.minimum(distance_m, _HALO_M) * (255.0 / _HALO_M)).astype(np.uint8)
-    keypoints, descriptors = cv2.AKAZE.create().detectAndCompute(image, None)
+    descriptors = None
+    if not not_wall.all():
+        distance_m = cells_to_unset(not_wall) * grid.resolution
+        image = np.rint(np.minimum(distance_m, _HALO_M) * (255.0 / _HALO_M)).astype(np.uint8)
+        keypoints, descriptors = cv2.AKAZE.create().detectAndCompute(image, None)
     if descriptors is None:
-        return none
+        return np.zeros((0, 2)), np.zeros((0, 61), dtype=np.uint8)
     pixels = np.array([keypoint.pt for keypoint in keypoints])
     return (pixels + 0.5) * grid.resolution + grid.origin, descriptors
 
@@ -110,19 +109,16 @@ def _distinct(queries: npt.NDArray[np.uint8], targets: npt.NDArray[np.uint8]) ->
         return []
     ranked = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(queries, targets, k=2)
     return [
-        (best.queryIdx, best.trainIdx)
-        for best, next_best in ranked
-        if best.distance < _RATIO * next_best.distance
+        (best.queryIdx, best.trainIdx) for best, other in ranked if best.distance < _RATIO * other.distance
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class WallMap:
+class WallMap(NamedTuple):
     """A map as the alignment sees it."""
 
     grid: OccupancyGrid
-    walls: FloatArray  # (N, 2) centres of the occupied cells, metres
-    open_space: FloatArray  # (M, 2) centres of the free cells deeper than the tolerance
+    walls: Floats  # (N, 2) centres of the occupied cells, metres
+    open_space: Floats  # (M, 2) centres of the free cells deeper than the tolerance
     to_wall_m: Image  # (H, W) from each cell to the nearest occupied one
     depth_m: Image  # (H, W) from each free cell to the nearest that is not free; 0 there
     pulls: tuple[Image, ...]
@@ -144,14 +140,8 @@ class WallMap:
             np.exp(-0.5 * (to_wall_m / reach) ** 2) - np.minimum(depth_m / (2.0 * reach), 1.0)
             for reach in _REACHES_M
         )
-        return cls(
-            grid,
-            cell_centers(grid, occupied),
-            cell_centers(grid, depth_m > TOLERANCE_M),
-            to_wall_m,
-            depth_m,
-            pulls,
-        )
+        walls, open_space = cell_centers(grid, occupied), cell_centers(grid, depth_m > TOLERANCE_M)
+        return cls(grid, walls, open_space, to_wall_m, depth_m, pulls)
 
 
 class Fit(NamedTuple):
@@ -225,30 +215,24 @@ def coarse_placements(a: WallMap, b: WallMap, yaw_rad: float) -> list[Pose2D]:
         yaw = yaw_rad + quarter * math.pi / 2.0
         walls_b, open_b, origin_b = _coarse(b, yaw)
         loss_b = np.where(_grown(walls_b), 0.0, _CONTRADICTION_WEIGHT * open_b)
-        shape = [
-            scipy.fft.next_fast_len(m + n, real=True)
-            for m, n in zip(walls_a.shape, walls_b.shape, strict=True)
-        ]
+        sizes = zip(walls_a.shape, walls_b.shape, strict=True)
+        shape = np.array([scipy.fft.next_fast_len(m + n, real=True) for m, n in sizes])
         spectrum = scipy.fft.rfft2(gain_a, shape) * np.conj(scipy.fft.rfft2(walls_b, shape))
         spectrum -= scipy.fft.rfft2(walls_a, shape) * np.conj(scipy.fft.rfft2(loss_b, shape))
         scores = scipy.fft.irfft2(spectrum, shape)
         for _ in range(_PEAKS_PER_TURN):
-            row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+            peak = np.array(np.unravel_index(int(np.argmax(scores)), scores.shape))
             # The correlation is cyclic: shifts past the first map's size stand for negative ones.
-            shift = [
-                int(i) - (n if i >= size else 0)
-                for i, n, size in zip((row, column), shape, walls_a.shape, strict=True)
-            ]
-            x, y = (origin_a + _COARSE_CELL_M * np.array(shift[::-1]) - origin_b).tolist()
-            placements.append((float(scores[row, column]), Pose2D(x, y, yaw)))
-            around = np.arange(
-                -round(_PEAK_RADIUS_M / _COARSE_CELL_M), round(_PEAK_RADIUS_M / _COARSE_CELL_M) + 1
-            )
-            scores[np.ix_((row + around) % shape[0], (column + around) % shape[1])] = -np.inf
+            row, column = peak - np.where(peak >= walls_a.shape, shape, 0)
+            x, y = (origin_a + _COARSE_CELL_M * np.array([column, row]) - origin_b).tolist()
+            placements.append((float(scores[tuple(peak)]), Pose2D(x, y, yaw)))
+            around = np.arange(-_PEAK_CELLS, _PEAK_CELLS + 1)
+            rows, columns = (peak[:, None] + around) % shape[:, None]
+            scores[np.ix_(rows, columns)] = -np.inf
     return [pose for score, pose in sorted(placements, key=lambda item: -item[0]) if score > 0.0]
 
 
-def _coarse(m: WallMap, yaw_rad: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _coarse(m: WallMap, yaw_rad: float) -> tuple[Floats, Floats, Floats]:
     """(walls, open space, origin) of the map turned by ``yaw_rad``: 1 on cells of 0.1 m that hold any."""
     turn = Pose2D(0.0, 0.0, yaw_rad)
     walls, spaces = turn.transform(m.walls), turn.transform(m.open_space)
@@ -262,27 +246,20 @@ def _coarse(m: WallMap, yaw_rad: float) -> tuple[FloatArray, FloatArray, FloatAr
     return grids[0], grids[1], origin
 
 
-def _grown(cells: FloatArray) -> npt.NDArray[np.bool_]:
+def _grown(cells: Floats) -> npt.NDArray[np.bool_]:
     """The set cells and their eight neighbours."""
     return cv2.dilate(cells, np.ones((3, 3))) > 0.0
 
 
 def _distance_m(mask: npt.NDArray[np.bool_], resolution: float) -> Image:
     """(H, W) float32 from each set cell's centre to the nearest cell that is not set, metres."""
-    cells = cells_to_unset(mask)
-    return np.asarray(cells * resolution, dtype=np.float32)
+    return np.asarray(cells_to_unset(mask) * resolution, dtype=np.float32)
 
 
-def _interpolated(image: Image, grid: OccupancyGrid, points: FloatArray) -> float:
+def _interpolated(image: Image, grid: OccupancyGrid, points: Floats) -> float:
     """The sum over the points of the image's values between cell centres; 0 off the grid."""
     columns, rows = ((points - grid.origin) / grid.resolution - 0.5).astype(np.float32).T.copy()
-    values = cv2.remap(
-        image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0
-    )
-    return float(np.sum(values))
-
-
-_HERE = Pose2D(0.0, 0.0, 0.0)
+    return float(np.sum(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)))
 
 
 class MapMatch(NamedTuple):
@@ -298,25 +275,24 @@ Matches = dict[tuple[int, int], MapMatch]
 """of each pair of a team's maps by their places in the team, the lower one first"""
 
 
-def match_maps(first: OccupancyGrid, second: OccupancyGrid, settings: MergeSettings) -> MapMatch:
+def match_maps(
+    first: OccupancyGrid, second: OccupancyGrid, settings: MergeSettings | None = None
+) -> MapMatch:
     """Where ``second`` lies in ``first``: a rigid placement, or a refusal with its reason.
 
     Features propose a placement; the grids improve it and judge it: how much wall they share, how
     much of one's wall stands in the other's open space, and whether the maps would fit elsewhere too.
-    A square room fits in four ways, and then none is drawn.
+    A square room fits in four ways, and then none is drawn. The maps are int8, -1 unknown, 0 to 100, occupied
+    from 65 on.
 
     Not as in multirobot_map_merge: the package accepts a pair whose features agree (confidence >= 1),
     keeps the features' scale in its transform and looks neither at the grids nor for a second solution.
-
-    Args:
-        first: int8, -1 unknown, 0 to 100, occupied from 65 on.
-        second: the same.
-        settings: what is trusted.
     """
+    trust = settings or MergeSettings()
     proposal = propose(first, second)
     if proposal is None:
         return MapMatch(None, "too few features match", 0.0)
-    if abs(proposal.scale - 1.0) > settings.max_scale_error:
+    if abs(proposal.scale - 1.0) > trust.max_scale_error:
         refusal = f"features want a scale of {proposal.scale:.3f}, not 1"
         return MapMatch(None, refusal, proposal.confidence)
 
@@ -324,19 +300,24 @@ def match_maps(first: OccupancyGrid, second: OccupancyGrid, settings: MergeSetti
     poses = [refine(a, b, proposal.pose)]
     poses += [refine(a, b, pose) for pose in coarse_placements(a, b, poses[0].yaw)]
     fits = [fit(a, b, pose) for pose in poses]
-    evidence = [found.evidence_m(settings.min_agreement) for found in fits]
+    evidence = [found.evidence_m(trust.min_agreement) for found in fits]
     best = int(np.argmax(evidence))
-    middle = mean_point(b.walls)
-    elsewhere = [
-        value
-        for pose, value in zip(poses, evidence, strict=True)
-        if not _same_place(pose, poses[best], Pose2D(float(middle[0]), float(middle[1]), 0.0))
-    ]
+    middle = Pose2D(*mean_point(b.walls).tolist(), 0.0)
+    judged = zip(poses, evidence, strict=True)
+    elsewhere = [value for pose, value in judged if not _same_place(pose, poses[best], middle)]
     rival = max(elsewhere, default=0.0) / evidence[best] if evidence[best] > 0.0 else 0.0
     overlap = evidence[best] / min(a.wall_m, b.wall_m)
-    refusal = _refusal(proposal.confidence, fits[best].agreement, overlap, rival, settings)
-    placement = None if refusal else poses[best]
-    return MapMatch(placement, refusal, proposal.confidence, evidence[best])
+    confidence, agreement = proposal.confidence, fits[best].agreement
+    refusal = ""
+    if confidence < trust.min_confidence:
+        refusal = f"confidence {confidence:.2f} of the features is below {trust.min_confidence}"
+    elif agreement < trust.min_agreement:
+        refusal = f"agreement {agreement:.2f} of the grids is below {trust.min_agreement}"
+    elif overlap < trust.min_overlap:
+        refusal = f"only {overlap:.0%} of the smaller map's wall is shared, less than {trust.min_overlap:.0%}"
+    elif rival > trust.max_rival:
+        refusal = f"ambiguous: another placement has {rival:.0%} of the best one's evidence"
+    return MapMatch(None if refusal else poses[best], refusal, confidence, evidence[best])
 
 
 def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> OccupancyGrid:
@@ -352,17 +333,16 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
         maps: at least one; int8, -1 unknown, 0 to 100.
         placements: each map's frame in the result's frame.
     """
+    each = list(zip(maps, placements, strict=True))
     resolution = maps[0].resolution
-    corners = np.concatenate(
-        [pose.transform(_corners(grid)) for grid, pose in zip(maps, placements, strict=True)]
-    )
+    corners = np.concatenate([pose.transform(_corners(grid)) for grid, pose in each])
     anchor = placements[0].transform(np.array([maps[0].origin]))[0]
     low = np.floor((corners.min(axis=0) - anchor) / resolution + 1e-6).astype(int)
     high = np.ceil((corners.max(axis=0) - anchor) / resolution - 1e-6).astype(int)
     origin_x, origin_y = (anchor + low * resolution).tolist()
     width, height = (high - low).tolist()
     merged = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), resolution, (origin_x, origin_y))
-    for grid, pose in zip(maps, placements, strict=True):
+    for grid, pose in each:
         _draw(grid, pose, merged)
     return merged
 
@@ -380,21 +360,6 @@ def _draw(grid: OccupancyGrid, pose: Pose2D, onto: OccupancyGrid) -> None:
     np.maximum(onto.data, values.reshape(onto.data.shape), out=onto.data)
 
 
-def _refusal(
-    confidence: float, agreement: float, overlap: float, rival: float, settings: MergeSettings
-) -> str:
-    """Why a match is not to be trusted; empty if it is."""
-    if confidence < settings.min_confidence:
-        return f"confidence {confidence:.2f} of the features is below {settings.min_confidence}"
-    if agreement < settings.min_agreement:
-        return f"agreement {agreement:.2f} of the grids is below {settings.min_agreement}"
-    if overlap < settings.min_overlap:
-        return f"only {overlap:.0%} of the smaller map's wall is shared, less than {settings.min_overlap:.0%}"
-    if rival > settings.max_rival:
-        return f"ambiguous: another placement has {rival:.0%} of the best one's evidence"
-    return ""
-
-
 def _same_place(a: Pose2D, b: Pose2D, middle: Pose2D) -> bool:
     """Whether two placements of a map with this middle are one and the same, to 0.3 m and 0.1 rad."""
     apart_m = a.compose(middle).distance_to(b.compose(middle))
@@ -403,19 +368,17 @@ def _same_place(a: Pose2D, b: Pose2D, middle: Pose2D) -> bool:
 
 def _grow(root: int, links: Sequence[tuple[int, int, Pose2D]]) -> dict[int, Pose2D]:
     """Placements in the root's frame of all maps that links connect to it, strongest links first."""
-    placed = {root: Pose2D(0.0, 0.0, 0.0)}
-    while True:
-        link = next((link for link in links if (link[0] in placed) != (link[1] in placed)), None)
-        if link is None:
-            return placed
+    placed = {root: ORIGIN}
+    while link := next((link for link in links if (link[0] in placed) != (link[1] in placed)), None):
         first, second, step = link
         if first in placed:
             placed[second] = placed[first].compose(step)
         else:
             placed[first] = placed[second].compose(step.inverse())
+    return placed
 
 
-def _corners(grid: OccupancyGrid) -> npt.NDArray[np.float64]:
+def _corners(grid: OccupancyGrid) -> Floats:
     """(4, 2) the outer corners of a grid, metres."""
     x_min, y_min, x_max, y_max = grid.extent
     return np.array([(x_min, y_min), (x_max, y_min), (x_min, y_max), (x_max, y_max)])
@@ -428,12 +391,10 @@ def largest(maps: Sequence[OccupancyGrid]) -> OccupancyGrid:
 
 def by_known_starts(maps: Sequence[OccupancyGrid]) -> OccupancyGrid:
     """The team's map where every robot began its own at its known start: all are in one frame."""
-    return compose(maps, [_HERE] * len(maps))
+    return compose(maps, [ORIGIN] * len(maps))
 
 
-def by_features(
-    maps: Sequence[OccupancyGrid], starts: Sequence[Pose2D], settings: MergeSettings
-) -> tuple[OccupancyGrid, Matches]:
+def by_features(maps: Sequence[OccupancyGrid], starts: Sequence[Pose2D]) -> tuple[OccupancyGrid, Matches]:
     """The team's map where no robot knows another's start, and what came of matching every pair.
 
     Each map is matched in a frame that begins at its robot's start, so that nothing but the features can
@@ -445,10 +406,9 @@ def by_features(
     Args:
         maps: one per robot; int8, -1 unknown, 0 to 100, in the common frame.
         starts: where each robot started, common frame.
-        settings: what is trusted.
     """
     own = [compose([grid], [start.inverse()]) for grid, start in zip(maps, starts, strict=True)]
-    matches = {(i, j): match_maps(own[i], own[j], settings) for i, j in combinations(range(len(maps)), 2)}
+    matches = {(i, j): match_maps(own[i], own[j]) for i, j in combinations(range(len(maps)), 2)}
     by_evidence = sorted(matches.items(), key=lambda item: (-item[1].evidence_m, item[0]))
     links = [(*pair, match.placement) for pair, match in by_evidence if match.placement is not None]
     placed = max((_grow(root, links) for root in range(len(maps))), key=len)

@@ -17,19 +17,20 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit, numba
 from midnet_bench.elementary import exp
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_rays
+from midnet_bench.mapping.grid_slam import Floats, Indices, hill_climb, rotate, trace_rays
 from midnet_bench.mapping.mapping_settings import GmappingSettings
+
+PartT = TypeVar("PartT")
+Means = npt.NDArray[np.float32]
+Integers = npt.NDArray[np.int32]
 
 PATCH_CELLS = 32  # side of a patch, cells
 PATCH_SHIFT = 5  # a cell's row or column shifted right by this is that of its patch
 EMPTY = 1e9  # coordinate that stands for "no hits here": so far away that it is never the nearest
-
 _NONE_SQUARED = EMPTY * EMPTY
 _NO_CANDIDATE = 1e12  # cells squared: far above any distance within three cells, far below one to EMPTY
-
-FloatArray = npt.NDArray[np.float64]
-MeanArray = npt.NDArray[np.float32]
-IndexArray = npt.NDArray[np.int32]
+_FULLNESS = 0.1  # hits / visits from which down a cell is no obstacle (GMapping: fullnessThreshold)
+_PARTS_PER_THREAD = 4  # some particles climb longer than others; a thread that is done takes the next part
 
 
 class Matching(NamedTuple):
@@ -48,29 +49,22 @@ class Matching(NamedTuple):
 
 def matching_in_cells(settings: GmappingSettings) -> Matching:
     """The scan-matching part of the settings, metres turned into cells."""
-    cell_m = settings.resolution_m
-    return Matching(
-        linear_step=settings.linear_step_m / cell_m,
-        angular_step=settings.angular_step_rad,
-        iterations=settings.iterations,
-        sigma=settings.sigma_m2 / (cell_m * cell_m),
-        odometry_pull=settings.linear_reliability * (cell_m * cell_m),
-        heading_pull=settings.angular_reliability,
-        minimum_score=settings.minimum_score,
-        likelihood_sigma=settings.likelihood_sigma_m2 / (cell_m * cell_m),
-        miss_log_likelihood=-settings.miss_m2 / settings.likelihood_sigma_m2,
-    )
+    s, cell_m = settings, settings.resolution_m
+    cell_m2 = cell_m * cell_m
+    pulls = (s.linear_reliability * cell_m2, s.angular_reliability)
+    likelihood = (s.likelihood_sigma_m2 / cell_m2, -s.miss_m2 / s.likelihood_sigma_m2)
+    steps = (s.linear_step_m / cell_m, s.angular_step_rad, s.iterations)
+    return Matching(*steps, s.sigma_m2 / cell_m2, *pulls, s.minimum_score, *likelihood)
 
 
 @njit
-def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float) -> float:
+def nearest_hit_squared(means: Means, table: Integers, x: float, y: float) -> float:
     """Squared distance from (x, y) to the nearest mean hit point in the 3 x 3 cells around it, cells^2.
 
     More than 1e12 if those cells hold no hits. GMapping also wants a cell some way back along the beam to be
     free, but looks at an unrelated cell, so the test never decides anything; it is left out here.
     """
-    column = math.floor(x)
-    row = math.floor(y)
+    column, row = math.floor(x), math.floor(y)
     rows, columns = table.shape
     if not (1 <= column < columns * PATCH_CELLS - 1 and 1 <= row < rows * PATCH_CELLS - 1):
         return _NONE_SQUARED
@@ -78,8 +72,7 @@ def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float)
     for r in range(row - 1, row + 2):
         for c in range(column - 1, column + 2):
             patch = table[r >> PATCH_SHIFT, c >> PATCH_SHIFT]
-            inner_row = r & (PATCH_CELLS - 1)
-            inner_column = c & (PATCH_CELLS - 1)
+            inner_row, inner_column = r & (PATCH_CELLS - 1), c & (PATCH_CELLS - 1)
             dx = means[patch, inner_row, inner_column, 0] - (x - (c - inner_column))
             dy = means[patch, inner_row, inner_column, 1] - (y - (r - inner_row))
             best = min(best, dx * dx + dy * dy)
@@ -88,7 +81,7 @@ def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float)
 
 @njit
 def match_score(
-    means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, enough: float
+    means: Means, table: Integers, rotated: Floats, x: float, y: float, sigma: float, enough: float
 ) -> float:
     """Sum over the beams of exp(-d^2 / sigma), d to the nearest mean hit point; 0 for a beam without one.
 
@@ -107,7 +100,7 @@ def match_score(
 
 @njit
 def log_likelihood(
-    means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, miss: float
+    means: Means, table: Integers, rotated: Floats, x: float, y: float, sigma: float, miss: float
 ) -> float:
     """Sum over the beams of -d^2 / sigma, or ``miss`` for a beam without a candidate (likelihoodAndScore)."""
     total = 0.0
@@ -117,7 +110,7 @@ def log_likelihood(
     return total
 
 
-_Climb = tuple[MeanArray, IndexArray, FloatArray, FloatArray, FloatArray, Pose2D, Matching]
+_Climb = tuple[Means, Integers, Floats, Floats, Floats, Pose2D, Matching]
 """map, beams, a copy of them turned by a yaw, that yaw as (1,), the first pose, and the parameters"""
 
 
@@ -135,60 +128,37 @@ def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
     return pull * match_score(means, table, rotated, pose.x, pose.y, matching.sigma, enough / pull)
 
 
-@njit
-def climb(
-    means: MeanArray, table: IndexArray, beams: FloatArray, start: Pose2D, matching: Matching
-) -> tuple[Pose2D, float]:
-    """The best pose that a hill climb from ``start``, held by its odometry, finds, and its score."""
-    args = (means, table, beams, np.empty_like(beams), np.full(1, np.nan), start, matching)
-    m = matching
-    return hill_climb(_held_score, args, start, m.linear_step, m.angular_step, m.iterations)
-
-
 @njit(nogil=True)
 def match_particles(
-    means: MeanArray, tables: IndexArray, beams: FloatArray, poses: FloatArray, matching: Matching
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    means: Means, tables: Integers, beams: Floats, poses: Floats, matching: Matching
+) -> tuple[Floats, Floats, Floats]:
     """((N, 3) poses, (N,) log-likelihoods, (N,) scores): every particle at its best match.
 
     A score lies between 0 and the number of beams. A particle whose match scores no more than the minimum
     keeps the pose that its noisy odometry gave it.
 
     Args:
-        means: (P, 32, 32, 2) float32 mean hit points of all patches, cells from the patch's corner; EMPTY
-            where there are none.
-        tables: (N, rows, columns) int32 patch numbers of each particle's map; patch 0 has no hits.
+        means: as ``ParticleMaps`` has them.
+        tables: (N, rows, columns) of the particles, as ``ParticleMaps`` has them.
         beams: (B, 2) float64 ends of the usable beams in the sensor frame, cells.
         poses: (N, 3) float64 sensor poses, cells and radians.
         matching: parameters.
     """
-    matched = poses.copy()
-    likelihoods = np.empty(poses.shape[0])
-    scores = np.empty(poses.shape[0])
-    rotated = np.empty_like(beams)
+    m = matching
+    matched, rotated = poses.copy(), np.empty_like(beams)
+    likelihoods, scores = np.empty(poses.shape[0]), np.empty(poses.shape[0])
     for n in range(poses.shape[0]):
-        start = Pose2D(poses[n, 0], poses[n, 1], poses[n, 2])
-        found, score = climb(means, tables[n], beams, start, matching)
-        scores[n] = score
-        if score > matching.minimum_score:
-            matched[n, 0], matched[n, 1], matched[n, 2] = found.x, found.y, found.yaw
-        rotate(beams, matched[n, 2], rotated)
+        table, start = tables[n], Pose2D(poses[n, 0], poses[n, 1], poses[n, 2])
+        args = (means, table, beams, rotated, np.full(1, np.nan), start, m)
+        at, scores[n] = hill_climb(_held_score, args, start, m.linear_step, m.angular_step, m.iterations)
+        if scores[n] <= m.minimum_score:
+            at = start
+        matched[n, 0], matched[n, 1], matched[n, 2] = at.x, at.y, at.yaw
+        rotate(beams, at.yaw, rotated)
         likelihoods[n] = log_likelihood(
-            means,
-            tables[n],
-            rotated,
-            matched[n, 0],
-            matched[n, 1],
-            matching.likelihood_sigma,
-            matching.miss_log_likelihood,
+            means, table, rotated, at.x, at.y, m.likelihood_sigma, m.miss_log_likelihood
         )
     return matched, likelihoods, scores
-
-
-PartT = TypeVar("PartT")
-PARTS_PER_THREAD = 4  # some particles climb longer than others; a thread that is done takes the next part
-_FULLNESS = 0.1
-"""hits / visits above which a cell counts as an obstacle in matching (GMapping's fullnessThreshold)"""
 
 
 def cores() -> int:
@@ -203,14 +173,14 @@ class ParticleThreads:
     """
 
     def __init__(self, particles: int, threads: int) -> None:
-        parts = min(particles, threads * PARTS_PER_THREAD) if threads > 1 else 1
+        parts = min(particles, threads * _PARTS_PER_THREAD) if threads > 1 else 1
         ends = [particles * part // parts for part in range(parts + 1)]
         self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._map = ThreadPoolExecutor(threads).map if threads > 1 else map
 
     def over_particles(self, loop: Callable[[slice], PartT]) -> list[PartT]:
         """What ``loop`` gives for each part, in the order of the particles."""
-        return list(map(loop, self._parts) if self._pool is None else self._pool.map(loop, self._parts))
+        return list(self._map(loop, self._parts))
 
 
 class ParticleMaps:
@@ -231,53 +201,44 @@ class ParticleMaps:
         self._threads = threads or ParticleThreads(particles, 1)
         self.origin_cells = np.zeros(2, dtype=np.int64)
         """(column, row) of the tables' first cell on the lattice through the map frame's origin"""
-        self.tables: IndexArray = np.zeros((particles, 1, 1), dtype=np.int32)
+        self.tables: Integers = np.zeros((particles, 1, 1), dtype=np.int32)
         """(N, rows, columns) patch numbers; patch 0 is empty and never written"""
-        self.means: MeanArray = np.full((1, PATCH_CELLS, PATCH_CELLS, 2), EMPTY, dtype=np.float32)
+        self.means: Means = np.full((1, PATCH_CELLS, PATCH_CELLS, 2), EMPTY, dtype=np.float32)
         """(P, 32, 32, 2) mean hit points in cells from their patch's corner; EMPTY where there are no hits"""
-        self.hits: IndexArray = np.zeros((1, PATCH_CELLS, PATCH_CELLS), dtype=np.int32)
-        self.visits: IndexArray = np.zeros((1, PATCH_CELLS, PATCH_CELLS), dtype=np.int32)
+        self.counts: Integers = np.zeros((1, PATCH_CELLS, PATCH_CELLS, 2), dtype=np.int32)
+        """(P, 32, 32, 2) hits, and visits"""
 
-    def to_cells(self, poses: FloatArray) -> FloatArray:
+    def to_cells(self, poses: Floats) -> Floats:
         """(N, 3) poses with x and y in cells from the tables' corner instead of metres in the map frame."""
         cells = poses.copy()
         cells[:, :2] = poses[:, :2] / self.resolution_m - self.origin_cells
         return cells
 
-    def to_metres(self, poses: FloatArray) -> FloatArray:
+    def to_metres(self, poses: Floats) -> Floats:
         """The inverse of ``to_cells``."""
         metres = poses.copy()
         metres[:, :2] = (poses[:, :2] + self.origin_cells) * self.resolution_m
         return metres
 
-    def register(self, poses: FloatArray, ends_m: FloatArray, hits: int) -> None:
-        """Enter a scan into every particle's map at that particle's pose.
-
-        Args:
-            poses: (N, 3) float64 sensor poses in the map frame, metres and radians.
-            ends_m: (B, 2) float64 ends of the rays in the sensor frame.
-            hits: how many of them, from the first on, end at an obstacle; the others only clear.
-        """
+    def register(self, poses: Floats, ends_m: Floats, hits: int) -> None:
+        """Enter a scan (as ``ScanRays``) into every particle's map at (N, 3) poses, metres and radians."""
         reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max(initial=0.0)))
         self._grow(poses[:, :2].min(axis=0) - reach_m, poses[:, :2].max(axis=0) + reach_m)
-        cells = self.to_cells(poses)
-        ends = ends_m / self.resolution_m
+        cells, ends = self.to_cells(poses), ends_m / self.resolution_m
         touched = self._threads.over_particles(
             lambda part: mark_patches(self.tables[part], cells[part], ends, hits)
         )
         self._own(np.concatenate(touched))
         # each particle owns the patches that it writes to
         self._threads.over_particles(
-            lambda part: register_rays(
-                self.means, self.hits, self.visits, self.tables[part], cells[part], ends, hits
-            )
+            lambda part: register_rays(self.means, self.counts, self.tables[part], cells[part], ends, hits)
         )
 
-    def resample(self, ancestors: npt.NDArray[np.int64]) -> None:
+    def resample(self, ancestors: Indices) -> None:
         """Give particle n a copy of the map of particle ``ancestors[n]``."""
         self.tables = self.tables[ancestors]
 
-    def _grow(self, low_m: FloatArray, high_m: FloatArray) -> None:
+    def _grow(self, low_m: Floats, high_m: Floats) -> None:
         """Let the tables cover the rectangle and a cell around it."""
         low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1 - self.origin_cells
         high = np.floor(high_m / self.resolution_m).astype(np.int64) + 1 - self.origin_cells
@@ -297,23 +258,18 @@ class ParticleMaps:
         old = old[shared]
         free = np.flatnonzero(users[1:] == 0) + 1
         if len(free) < len(old):
-            self._enlarge_pool(max(len(old) - len(free), len(self.means)))
+            more = (max(len(old) - len(free), len(self.means)), PATCH_CELLS, PATCH_CELLS, 2)
+            self.means = np.concatenate([self.means, np.empty(more, np.float32)])
+            self.counts = np.concatenate([self.counts, np.empty(more, np.int32)])
             free = np.concatenate([free, np.arange(len(users), len(self.means))])
         new = free[: len(old)]
         self.means[new] = self.means[old]
-        self.hits[new] = self.hits[old]
-        self.visits[new] = self.visits[old]
+        self.counts[new] = self.counts[old]
         self.tables[where] = new
-
-    def _enlarge_pool(self, patches: int) -> None:
-        self.means = np.concatenate([self.means, np.empty((patches, *self.means.shape[1:]), np.float32)])
-        counts = np.empty((patches, *self.hits.shape[1:]), np.int32)
-        self.hits = np.concatenate([self.hits, counts])
-        self.visits = np.concatenate([self.visits, counts])
 
 
 @njit(nogil=True)
-def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: int) -> npt.NDArray[np.bool_]:
+def mark_patches(tables: Integers, poses: Floats, ends: Floats, hits: int) -> npt.NDArray[np.bool_]:
     """(N, rows, columns) bool: the patches of each particle that a scan may change.
 
     Those in which a ray ends, and those with hits that a ray passes through.
@@ -326,21 +282,14 @@ def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: 
             if tables[n, row, column] != 0:
                 touched[n, row, column] = True
         for b in range(hits):
-            touched[n, math.floor(placed[b, 1]) >> PATCH_SHIFT, math.floor(placed[b, 0]) >> PATCH_SHIFT] = (
-                True
-            )
+            column, row = math.floor(placed[b, 0]), math.floor(placed[b, 1])
+            touched[n, row >> PATCH_SHIFT, column >> PATCH_SHIFT] = True
     return touched
 
 
 @njit(nogil=True)
 def register_rays(
-    means: MeanArray,
-    cell_hits: IndexArray,
-    cell_visits: IndexArray,
-    tables: IndexArray,
-    poses: FloatArray,
-    ends: FloatArray,
-    hits: int,
+    means: Means, counts: Integers, tables: Integers, poses: Floats, ends: Floats, hits: int
 ) -> None:
     """Count a scan into patches that ``mark_patches`` found and each particle owns: passes, then hits."""
     for n in range(tables.shape[0]):
@@ -348,22 +297,20 @@ def register_rays(
         for k in range(cells.shape[0]):
             patch = tables[n, cells[k, 1] >> PATCH_SHIFT, cells[k, 0] >> PATCH_SHIFT]
             r, c = cells[k, 1] & (PATCH_CELLS - 1), cells[k, 0] & (PATCH_CELLS - 1)
-            if cell_hits[patch, r, c] == 0:
+            if counts[patch, r, c, 0] == 0:
                 continue
-            cell_visits[patch, r, c] += 1
-            if cell_hits[patch, r, c] <= _FULLNESS * cell_visits[patch, r, c]:
-                cell_hits[patch, r, c] = 0
-                cell_visits[patch, r, c] = 0
+            counts[patch, r, c, 1] += 1
+            if counts[patch, r, c, 0] <= _FULLNESS * counts[patch, r, c, 1]:
+                counts[patch, r, c, :] = 0
                 means[patch, r, c, :] = EMPTY
         for b in range(hits):
             x, y = placed[b, 0], placed[b, 1]
             column, row = math.floor(x), math.floor(y)
             patch = tables[n, row >> PATCH_SHIFT, column >> PATCH_SHIFT]
             r, c = row & (PATCH_CELLS - 1), column & (PATCH_CELLS - 1)
-            if cell_hits[patch, r, c] == 0:
+            if counts[patch, r, c, 0] == 0:
                 means[patch, r, c, :] = 0.0
-            cell_hits[patch, r, c] += 1
-            cell_visits[patch, r, c] += 1
-            share = 1.0 / cell_hits[patch, r, c]
+            counts[patch, r, c, :] += 1
+            share = 1.0 / counts[patch, r, c, 0]
             means[patch, r, c, 0] += (x - (column - c) - means[patch, r, c, 0]) * share
             means[patch, r, c, 1] += (y - (row - r) - means[patch, r, c, 1]) * share

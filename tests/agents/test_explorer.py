@@ -13,7 +13,7 @@ from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.mapping_settings import BURGER_UKF, FrontierSettings
+from midnet_bench.mapping.mapping_settings import BURGER_UKF
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
@@ -34,7 +34,7 @@ def explorer(start: Pose2D, number: int = 1) -> Explorer:
         Navigator(AREA.empty(), NavigatorSettings(global_costmap=costmap)),
         PlanarUkf(start, UkfSettings().suited_to("encoder")),
         GMapping(LIDAR, replace(BURGER_UKF, particles=3), start, stream(1, "gmapping", number)),
-        FrontierExplorer(FrontierSettings()),
+        FrontierExplorer(),
         AREA,
         30.0,
     )

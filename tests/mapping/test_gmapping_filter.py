@@ -102,7 +102,7 @@ def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
 
     def said(slam: GMapping) -> list[bytes]:
         maps = slam._maps
-        numbers = (maps.tables, maps.means[maps.tables], maps.hits[maps.tables], maps.visits[maps.tables])
+        numbers = (maps.tables, maps.means[maps.tables], maps.counts[maps.tables])
         arrays = (slam._poses, slam.trajectory.poses, slam.occupancy().data, *numbers)
         return [array.tobytes() for array in arrays]
 

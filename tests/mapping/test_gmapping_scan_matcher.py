@@ -1,18 +1,17 @@
 """The compiled scan matcher against plain Python written from the formulas."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_line
+from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_rays
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, RECORDED_LOG
 from midnet_bench.mapping.particle_map import (
     ParticleMaps,
-    climb,
     log_likelihood,
     match_particles,
     match_score,
@@ -62,7 +61,17 @@ def mapped(pose: Pose2D, ends_m: Points) -> ParticleMaps:
     return maps
 
 
-@pytest.mark.parametrize("seed", range(5))
+def matched(
+    maps: ParticleMaps, ends_m: Points, start: Pose2D, **changes: float
+) -> tuple[Pose2D, float, float]:
+    """Where a particle at ``start`` ends up, its log-likelihood and its score."""
+    matching = matching_in_cells(replace(RECORDED_LOG, **changes))  # type: ignore[arg-type]
+    at = maps.to_cells(np.array([start]))
+    found, likelihoods, scores = match_particles(maps.means, maps.tables, ends_m / CELL_M, at, matching)
+    return Pose2D(*maps.to_metres(found)[0].tolist()), float(likelihoods[0]), float(scores[0])
+
+
+@pytest.mark.parametrize("seed", range(3))
 def test_score_and_likelihood_equal_the_slow_twin(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose = Pose2D(*rng.uniform(-3.0, 3.0, 3))
@@ -108,48 +117,43 @@ def room_scan(pose: Pose2D, beams: int = 360) -> Points:
     return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
 
 
+POSE = Pose2D(1.7, 2.3, 0.4)
+
+
+def moved(dx: float, dy: float, turn: float) -> Pose2D:
+    return Pose2D(POSE.x + dx, POSE.y + dy, POSE.yaw + turn)
+
+
 @pytest.mark.parametrize("offset", [(0.06, -0.04, 0.03), (-0.05, 0.05, -0.05), (0.0, 0.08, 0.0)])
 def test_the_climb_finds_back_to_a_known_offset(offset: tuple[float, float, float]) -> None:
-    pose = Pose2D(1.7, 2.3, 0.4)
-    ends = room_scan(pose)
-    maps = mapped(pose, ends)
-    start = maps.to_cells(np.array([pose]) + offset)
-    matched, likelihoods, _ = match_particles(
-        maps.means, maps.tables, ends / CELL_M, start, matching_in_cells(RECORDED_LOG)
-    )
-    x, y, yaw = maps.to_metres(matched)[0]
-    assert math.hypot(x - pose.x, y - pose.y) < 0.004
-    assert yaw == pytest.approx(pose.yaw, abs=0.004)
-    assert likelihoods[0] > -1.0
+    ends = room_scan(POSE)
+    found, likelihood, _ = matched(mapped(POSE, ends), ends, moved(*offset))
+    assert found.distance_to(POSE) < 0.004
+    assert found.yaw == pytest.approx(POSE.yaw, abs=0.004)
+    assert likelihood > -1.0
 
 
 def test_the_climb_never_ends_below_its_start_and_reports_the_score_of_its_end() -> None:
-    pose = Pose2D(1.7, 2.3, 0.4)
-    ends = room_scan(pose) / CELL_M
-    maps = mapped(pose, ends * CELL_M)
-    matching = matching_in_cells(RECORDED_LOG)
-    rotated = np.empty_like(ends)
+    ends = room_scan(POSE)
+    maps, rotated = mapped(POSE, ends), np.empty_like(ends)
+
+    def scored(pose: Pose2D) -> float:
+        x, y, yaw = maps.to_cells(np.array([pose]))[0]
+        rotate(ends / CELL_M, yaw, rotated)
+        return match_score(maps.means, maps.tables[0], rotated, x, y, 0.05 / CELL_M**2, 0.0)
+
     for seed in range(10):
-        shift = np.random.default_rng(seed).normal(0.0, 0.15, 3)
-        x, y, yaw = start = Pose2D(*maps.to_cells(np.array([pose]) + shift)[0])
-        rotate(ends, yaw, rotated)
-        before = match_score(maps.means, maps.tables[0], rotated, x, y, matching.sigma, 0.0)
-        (x, y, yaw), score = climb(maps.means, maps.tables[0], ends, start, matching)
-        rotate(ends, yaw, rotated)
-        after = match_score(maps.means, maps.tables[0], rotated, x, y, matching.sigma, 0.0)
-        assert score == pytest.approx(after)
-        assert score >= before
+        start = moved(*np.random.default_rng(seed).normal(0.0, 0.15, 3).tolist())
+        found, _, score = matched(maps, ends, start)
+        assert score == pytest.approx(scored(found))
+        assert score >= scored(start)
 
 
 def test_a_match_at_or_below_the_minimum_score_leaves_the_particle_where_it_was() -> None:
-    pose = Pose2D(1.7, 2.3, 0.4)
-    ends = room_scan(pose)
-    maps = mapped(pose, ends)
-    start = maps.to_cells(np.array([pose]) + np.array([0.04, 0.0, 0.0]))
+    ends = room_scan(POSE)
     for minimum, moves in ((350.0, True), (360.0, False)):
-        matching = matching_in_cells(replace(RECORDED_LOG, minimum_score=minimum))
-        matched, _, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
-        assert (matched[0, 0] != start[0, 0]) == moves
+        found, _, _ = matched(mapped(POSE, ends), ends, moved(0.04, 0.0, 0.0), minimum_score=minimum)
+        assert (found.x < POSE.x + 0.03) == moves
 
 
 def test_the_odometry_holds_against_the_pull_of_a_corridor() -> None:
@@ -162,47 +166,36 @@ def test_the_odometry_holds_against_the_pull_of_a_corridor() -> None:
         near, r = angles[ranges < 3.0], ranges[ranges < 3.0]
         return np.column_stack([r * np.cos(near), r * np.sin(near)])
 
-    maps = mapped(Pose2D(0.0, 0.0, 0.0), scan(0.0))
-    ends = scan(0.4)
-    slid = []
-    for reliability in (0.0, 20.0):
-        settings = replace(RECORDED_LOG, sigma_m2=0.0025, linear_reliability=reliability)
-        matched, _, _ = match_particles(
-            maps.means,
-            maps.tables,
-            ends / CELL_M,
-            maps.to_cells(np.array([[0.4, 0.0, 0.0]])),
-            matching_in_cells(settings),
-        )
-        slid.append(abs(maps.to_metres(matched)[0, 0] - 0.4))
-    assert slid[1] < 0.05 < slid[0]
+    maps, at = mapped(Pose2D(0.0, 0.0, 0.0), scan(0.0)), Pose2D(0.4, 0.0, 0.0)
+    free, held = (
+        matched(maps, scan(0.4), at, sigma_m2=0.0025, linear_reliability=reliability)[0]
+        for reliability in (0.0, 20.0)
+    )
+    assert abs(held.x - 0.4) < 0.05 < abs(free.x - 0.4)
 
 
 def test_a_trusted_heading_is_hardly_turned_by_one_scan() -> None:
     """Turned by 0.01 rad: the walls tell, and how far the match goes back is a matter of trust."""
-    pose = Pose2D(1.7, 2.3, 0.4)
-    ends = room_scan(pose)
-    maps = mapped(pose, ends)
-    start = maps.to_cells(np.array([pose]) + np.array([0.0, 0.0, 0.01]))
-    left_rad = []
+    ends, left_rad = room_scan(POSE), []
     for reliability in (0.0, 1e3, 1e6):
-        matching = matching_in_cells(replace(BURGER_UKF, angular_reliability=reliability))
-        matched, _, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
-        left_rad.append(matched[0, 2] - pose.yaw)
+        trust = replace(BURGER_UKF, angular_reliability=reliability)
+        found, _, _ = matched(mapped(POSE, ends), ends, moved(0.0, 0.0, 0.01), **asdict(trust))
+        left_rad.append(found.yaw - POSE.yaw)
     assert abs(left_rad[0]) < 0.001 < left_rad[1] < left_rad[2]
     assert left_rad[2] == pytest.approx(0.01, abs=1e-4)
 
 
+def test_a_climb_that_odometry_holds_as_hard_as_can_be_stays() -> None:
+    ends, start = room_scan(POSE), moved(0.1, 0.1, 0.1)
+    held = {"angular_reliability": 1e9, "linear_reliability": 1e9}
+    assert matched(mapped(POSE, ends), ends, start, **held)[0] == pytest.approx(start, abs=1e-12)
+
+
 def test_the_price_of_a_beam_into_the_unknown() -> None:
-    pose = Pose2D(1.7, 2.3, 0.4)
-    ends = room_scan(pose)
-    maps = mapped(pose, ends)
-    lost = maps.to_cells(np.array([[200.0, 0.0, 0.0]]))
+    ends = room_scan(POSE)
     for settings, expected in ((RECORDED_LOG, -0.5 / 0.075), (BURGER_UKF, -0.02 / 0.01)):
-        _, likelihoods, _ = match_particles(
-            maps.means, maps.tables, ends / CELL_M, lost, matching_in_cells(settings)
-        )
-        assert likelihoods[0] == pytest.approx(len(ends) * expected)
+        _, likelihood, _ = matched(mapped(POSE, ends), ends, Pose2D(200.0, 0.0, 0.0), **asdict(settings))
+        assert likelihood == pytest.approx(len(ends) * expected)
 
 
 @pytest.mark.parametrize(
@@ -218,18 +211,8 @@ def test_the_price_of_a_beam_into_the_unknown() -> None:
 def test_a_line_visits_the_cells_before_its_end(
     end: tuple[int, int], expected: list[tuple[int, int]]
 ) -> None:
-    cells = np.zeros((9, 2), dtype=np.int64)
-    count = trace_line(0, 0, end[0], end[1], cells)
-    assert [(int(c), int(r)) for c, r in cells[:count]] == expected
-
-
-def test_a_climb_that_odometry_holds_as_hard_as_can_be_stays() -> None:
-    pose = Pose2D(1.7, 2.3, 0.4)
-    ends = room_scan(pose) / CELL_M
-    maps = mapped(pose, ends * CELL_M)
-    held = matching_in_cells(replace(RECORDED_LOG, angular_reliability=1e9, linear_reliability=1e9))
-    start = Pose2D(*maps.to_cells(np.array([pose]) + 0.1)[0])
-    assert climb(maps.means, maps.tables[0], ends, start, held)[0] == start
+    cells, _ = trace_rays(np.array([0.5, 0.5, 0.0]), np.array([end], np.float64))
+    assert [tuple(cell) for cell in cells.tolist()] == expected
 
 
 def test_the_hill_climb_takes_the_best_of_six_steps_and_halves_them() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.pose_graph import PoseGraph
+from midnet_bench.mapping.pose_graph import Edge, PoseGraph
 
 SURE = np.diag([1e4, 1e4, 1e4])
 ROUND = [Pose2D(2.0 * math.cos(a), 2.0 * math.sin(a), a + math.pi / 2) for a in np.arange(12) * math.pi / 6]
@@ -19,7 +19,7 @@ def drifted() -> PoseGraph:
     for k in range(1, len(ROUND)):
         step = ROUND[k].relative_to(ROUND[k - 1])
         graph.add_node(graph.pose(k - 1).compose(step._replace(x=1.1 * step.x, yaw=step.yaw + 0.05)))
-        graph.add_edge(k - 1, k, step, SURE)
+        graph.edges.append(Edge(k - 1, k, step, SURE))
     return graph
 
 
@@ -45,8 +45,8 @@ def test_a_wrong_step_is_found_by_a_loop() -> None:
     """A step of 1 m too much that is hardly believed; the loop's edge puts nearly all of it right there."""
     graph = drifted()
     step = ROUND[6].relative_to(ROUND[5])
-    graph.add_edge(5, 6, step._replace(x=step.x + 1.0), 1e-3 * SURE)
-    graph.add_edge(0, 11, ROUND[11].relative_to(ROUND[0]), SURE, doubted=True)
+    graph.edges.append(Edge(5, 6, step._replace(x=step.x + 1.0), 1e-3 * SURE))
+    graph.edges.append(Edge(0, 11, ROUND[11].relative_to(ROUND[0]), SURE, is_doubted=True))
     graph.optimize(20)
     assert furthest_off_m(graph) < 0.01
 
@@ -55,7 +55,7 @@ def test_a_wrong_step_is_found_by_a_loop() -> None:
 def test_a_doubted_edge_that_disagrees_hardly_counts(doubted: bool, off_m: float) -> None:
     graph = drifted()
     graph.optimize(20)
-    graph.add_edge(0, 8, ROUND[8].relative_to(ROUND[0])._replace(x=5.0), SURE, doubted)
+    graph.edges.append(Edge(0, 8, ROUND[8].relative_to(ROUND[0])._replace(x=5.0), SURE, doubted))
     graph.optimize(20)
     assert (furthest_off_m(graph) < off_m) is doubted
     graph.optimize(20, doubting=False)

@@ -14,12 +14,12 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.frontier import (
     Frontier,
     FrontierExplorer,
+    FrontierSettings,
     assign_frontiers,
     find_frontiers,
     find_gaps,
     wall_gaps,
 )
-from midnet_bench.mapping.mapping_settings import FrontierSettings
 from tests.mapping.drawn_buildings import grid
 
 
@@ -209,7 +209,7 @@ def test_team_mates_share_one_long_frontier():
     wall_of_unknown = grid("\n".join(["#" * 14, *["#     ?#######"] * 12, "#" * 14]))
     explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0))
     first = plan(explorer, at(2, 6), wall_of_unknown, 0.0)
-    second = plan(FrontierExplorer(FrontierSettings()), at(2, 6), wall_of_unknown, 0.0, taken=[first])
+    second = plan(FrontierExplorer(), at(2, 6), wall_of_unknown, 0.0, taken=[first])
     assert first[0] == second[0] == 5.5
     assert abs(first[1] - second[1]) >= FrontierSettings().taken_radius_m
 
@@ -284,7 +284,7 @@ def see(known, walls, column, row):
 def test_exploration_of_a_building_ends_when_all_of_it_is_seen(robots):
     walls = building()
     known = np.full(walls.shape, -1, dtype=np.int8)
-    explorers = [FrontierExplorer(FrontierSettings()) for _ in range(robots)]
+    explorers = [FrontierExplorer() for _ in range(robots)]
     cells = [(10 + 3 * k, 30) for k in range(robots)]
     goals = [None] * robots
     for tick in range(60):
@@ -351,7 +351,7 @@ def test_a_gap_behind_a_wall_is_not_seen_and_comes_after_every_frontier():
 def test_a_robot_parks_where_it_closes_nothing(column, row, place):
     """Two rooms of 4 x 7 cells, a door of one cell between them, whatever the robot's own cell."""
     rooms = grid("\n".join(["    #    "] * 3 + ["         "] + ["    #    "] * 3))
-    found = FrontierExplorer(FrontierSettings()).parking_place(at(column, row), rooms, 1.0)
+    found = FrontierExplorer().parking_place(at(column, row), rooms, 1.0)
     if place is None:
         assert found is None
     else:

@@ -69,14 +69,13 @@ def test_the_first_scan_that_does_not_fit_is_named(tmp_path: Path) -> None:
     lines = [f"{k} {0.5 * k} 0 {0.5 if k > 2 else 0} 3 1 2 3" for k in range(5)]
     log = read_scan_log(written(tmp_path, *lines))
     numbers = [1, 2, 4, 5]
-    assert collapse(log, numbers, [math.nan, 0.8, 0.8 * 0.46, 0.8]) is None
-    assert collapse(log, [1], [math.nan]) is None
-    said = collapse(log, numbers, [math.nan, 0.84, 0.31, 0.9])
+    assert collapse(log, numbers, [math.nan, 0.8, 0.8 * 0.46, 0.8]) == []
+    assert collapse(log, [1], [math.nan]) == []
+    (said,) = collapse(log, numbers, [math.nan, 0.84, 0.31, 0.9])
     assert said == (
         "scan 4: heading changed by 29 degrees and the place by 0.50 m, score 0.31, median 0.84: "
         "the map may be broken from there on"
     )
-    assert "scan 4: " in str(collapse(log, [*numbers, 5], [0.9, 0.84, 0.31, 0.2, 0.9]))
     assert ", and 1 later scans like it: " in str(collapse(log, [*numbers, 5], [0.9, 0.84, 0.31, 0.2, 0.9]))
 
 

@@ -8,13 +8,7 @@ from midnet_bench.agents.agent_settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
-from midnet_bench.mapping.mapping_settings import (
-    BURGER_UKF,
-    BURGER_UKF_SOURCES,
-    FrontierSettings,
-    GmappingSettings,
-    MergeSettings,
-)
+from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import OdometrySettings, SimulationSettings
@@ -64,9 +58,7 @@ class MappingParameters(Parameters):
         },
     )
     ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
-    gmapping: GmappingSettings = group(BURGER_UKF, "GMapping", sources=BURGER_UKF_SOURCES)
-    frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration")
-    merging: MergeSettings = group(MergeSettings(), "merging by features")
+    gmapping: GmappingSettings = group(BURGER_UKF, "GMapping")
     navigator: NavigatorSettings = group(
         NavigatorSettings(global_costmap=replace(BURGER_COSTMAP, track_unknown=True)),
         "navigator",

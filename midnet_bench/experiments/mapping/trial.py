@@ -129,14 +129,10 @@ class ExplorationTrial(RobotTrial):
         """The map so far and its quality."""
         parts = self._parts()
         starts, truth = self.layout.robots, self.truth()
-        merged, matches = (
-            (by_known_starts(parts), {})
-            if self._knows_starts
-            else by_features(parts, starts, self.parameters.merging)
-        )
+        merged, matches = (by_known_starts(parts), {}) if self._knows_starts else by_features(parts, starts)
         grid = self._plane.cut(merged)
         score = score_map(grid, truth, starts[0][:2], self.robot.radius_m)
-        gaps = wall_gaps(self._area.cut(grid), self.parameters.frontier.min_gap_m)
+        gaps = wall_gaps(self._area.cut(grid))
         return Exploration(
             grid=grid,
             parts=parts,
@@ -208,7 +204,7 @@ class ExplorationTrial(RobotTrial):
             GMapping(
                 self.robot.lidar, parameters.slam, start, stream(self.seed, "gmapping", name), self._threads
             ),
-            FrontierExplorer(parameters.frontier),
+            FrontierExplorer(),
             self._area,
             parameters.goals.timeout_s,
         )
