@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -40,93 +41,86 @@ class Detector(Protocol):
         """
 
 
-class MapSubtraction:
+class _ScanDetector:
+    """A detector that looks at each robot's last scan alone."""
+
+    def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
+        """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
+        found = [[] if one.scan is None else self._boxes(robot, one.scan) for robot, one in enumerate(team)]
+        return [np.array(boxes, dtype=np.float64).reshape(-1, 4) for boxes in found]
+
+    def _boxes(self, robot: int, scan: Scan) -> Sequence[Sequence[float]]:
+        raise NotImplementedError
+
+
+@dataclass(eq=False)
+class MapSubtraction(_ScanDetector):
     """Returns more than ``tolerance_m`` from a mapped wall, grouped where neighbours are within ``gap_m``.
 
     A group of fewer than ``min_returns`` is dropped. A box has ``margin_m`` around its returns. What lies
     beyond the map is no intruder.
     """
 
-    def __init__(
-        self,
-        prior_map: OccupancyGrid,
-        range_m: float,
-        tolerance_m: float = 0.15,
-        gap_m: float = 0.2,
-        min_returns: int = 1,
-        margin_m: float = 0.05,
-    ) -> None:
-        self._walls = wall_distances(prior_map)
-        self._range_m, self._tolerance_m, self._gap_m = range_m, tolerance_m, gap_m
-        self._min_returns, self._margin_m = min_returns, margin_m
+    prior_map: OccupancyGrid
+    range_m: float
+    tolerance_m: float = 0.15
+    gap_m: float = 0.2
+    min_returns: int = 1
+    margin_m: float = 0.05
 
-    def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
-        """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
-        return [box_rows([] if one.scan is None else self._boxes(one.scan)) for one in team]
+    def __post_init__(self) -> None:
+        self._walls = wall_distances(self.prior_map)
 
-    def _boxes(self, scan: Scan) -> list[list[float]]:
-        _, points = scan.returns(self._range_m)
-        points = points[values_at(self._walls.data, self._walls, points, 0.0) > self._tolerance_m]
-        apart = lengths(points - np.roll(points, 1, axis=0)) > self._gap_m
-        groups = [points[group] for group in cut_around(apart) if len(group) >= self._min_returns]
-        return [extent(group, self._margin_m) for group in groups]
+    def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
+        _, points = scan.returns(self.range_m)
+        points = points[values_at(self._walls.data, self._walls, points, 0.0) > self.tolerance_m]
+        apart = lengths(points - np.roll(points, 1, axis=0)) > self.gap_m
+        groups = [points[group] for group in cut_around(apart) if len(group) >= self.min_returns]
+        return [extent(group, self.margin_m) for group in groups]
 
 
-class CircleClusters:
+@dataclass(eq=False)
+class CircleClusters(_ScanDetector):
     """Pieces of the scan off the mapped walls, each the upright square around the circle that fits it best.
 
     Adaptive breakpoints cut the scan (Borges and Aldon, "Line extraction in 2D range images for mobile
     robotics", Journal of Intelligent and Robotic Systems 40, 2004): two neighbouring returns belong together
     if they are no farther apart than a surface that the beams meet at an angle of ``incidence_deg`` would put
     them, plus three deviations of the range.
-
-    Args beside those of every detector:
-        incidence_deg: lambda of the breakpoints, more than the angle between two beams.
-        noise_m: deviation of a range.
-        tolerance_m: a piece whose median return is nearer to a mapped wall is the wall.
-        max_radius_m: a circle that comes out larger is not believed; the piece's extent is taken.
-        min_returns: a piece of fewer is dropped.
     """
 
-    def __init__(
-        self,
-        prior_map: OccupancyGrid,
-        range_m: float,
-        incidence_deg: float = 10.0,
-        noise_m: float = 0.01,
-        tolerance_m: float = 0.15,
-        max_radius_m: float = 0.3,
-        min_returns: int = 2,
-    ) -> None:
-        self._walls = wall_distances(prior_map)
-        self._range_m, self._incidence_rad = range_m, math.radians(incidence_deg)
-        self._noise_m, self._tolerance_m = noise_m, tolerance_m
-        self._max_radius_m, self._min_returns = max_radius_m, min_returns
+    prior_map: OccupancyGrid
+    range_m: float
+    incidence_deg: float = 10.0  # lambda of the breakpoints, more than the angle between two beams
+    noise_m: float = 0.01  # deviation of a range
+    tolerance_m: float = 0.15  # a piece whose median return is nearer to a mapped wall is the wall
+    max_radius_m: float = 0.3  # a larger circle is not believed; the piece's extent is taken
+    min_returns: int = 2  # a piece of fewer is dropped
 
-    def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
-        """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
-        return [box_rows([] if one.scan is None else self._boxes(one.scan)) for one in team]
+    def __post_init__(self) -> None:
+        self._walls = wall_distances(self.prior_map)
 
-    def _boxes(self, scan: Scan) -> list[list[float]]:
+    def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
         # what is out of range cuts too: it tells an intruder from the wall beside it
         beams, points = scan.returns(math.inf)
         ranges_m = scan.ranges_m[beams]
-        turn_rad = abs(scan.lidar.angle_increment_rad)
-        if len(beams) and self._incidence_rad <= turn_rad:
-            beams_deg = math.degrees(turn_rad)
+        if not len(beams):
+            return []
+        turn_rad, incidence_rad = abs(scan.lidar.angle_increment_rad), math.radians(self.incidence_deg)
+        if incidence_rad <= turn_rad:
             raise InputError(
-                f"detector clusters: incidence_deg: {math.degrees(self._incidence_rad):g} is out of range; "
-                f"allowed: above the {beams_deg:g} degrees between two beams"
+                f"detector clusters: incidence_deg: {self.incidence_deg:g} is out of range; "
+                f"allowed: above the {math.degrees(turn_rad):g} degrees between two beams"
             )
-        widening = sin(turn_rad) / sin(self._incidence_rad - turn_rad) if len(beams) else 0.0
+        widening = sin(turn_rad) / sin(incidence_rad - turn_rad)
         gaps_m = lengths(points - np.roll(points, 1, axis=0))
-        apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self._noise_m
+        apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self.noise_m
         boxes = []
         for group in cut_around(apart):
-            piece = points[group[ranges_m[group] <= self._range_m]]
-            if len(piece) >= max(1, self._min_returns):
+            piece = points[group[ranges_m[group] <= self.range_m]]
+            if len(piece) >= max(1, self.min_returns):
                 off_m = float(np.median(values_at(self._walls.data, self._walls, piece, 0.0)))
-                if off_m > self._tolerance_m:
+                if off_m > self.tolerance_m:
                     boxes.append(self._box(piece))
         return boxes
 
@@ -141,81 +135,65 @@ class CircleClusters:
         if spread > STRAIGHT * (xx + yy) * (xx + yy):
             off_x, off_y = (to_x * yy - to_y * xy) / spread, (to_y * xx - to_x * xy) / spread
             radius_m = math.sqrt(math.fsum(square.tolist()) / len(piece) + off_x * off_x + off_y * off_y)
-            if radius_m <= self._max_radius_m:
+            if radius_m <= self.max_radius_m:
                 center = middle + np.array([off_x, off_y])
                 return [*center - radius_m, *center + radius_m]
-        return extent(piece, self._noise_m)
+        return extent(piece, self.noise_m)
 
 
-class RunningMean:
+@dataclass(eq=False)
+class RunningMean(_ScanDetector):
     """A grid of how often each cell was met of late; a return on a cell that seldom was is an intruder's.
 
     Motion detection by a learned background, which the paper's introduction criticises: what stands still
     for long becomes background. The grid begins with the prior map, grown by ``tolerance_m``; each robot has
     its own.
-
-    Args beside those of every detector:
-        memory_s: time constant of the running mean. A cell that was free for long is background after 0.69 of
-            it.
-        tolerance_m: how far a return may be off a cell of the background.
-        min_cells: a blob of fewer cells is dropped.
     """
 
-    def __init__(
-        self,
-        prior_map: OccupancyGrid,
-        range_m: float,
-        memory_s: float = 10.0,
-        tolerance_m: float = 0.15,
-        min_cells: int = 1,
-    ) -> None:
-        self._map = prior_map
-        self._range_m, self._memory_s, self._min_cells = range_m, memory_s, min_cells
-        cells = math.ceil(tolerance_m / prior_map.resolution - 1e-9)
+    prior_map: OccupancyGrid
+    range_m: float
+    memory_s: float = 10.0  # time constant: a cell that was free for long is background after 0.69 of it
+    tolerance_m: float = 0.15  # how far a return may be off a cell of the background
+    min_cells: int = 1  # a blob of fewer cells is dropped
+    _means: dict[int, npt.NDArray[np.float32]] = field(default_factory=dict, init=False)
+    _stamps_s: dict[int, float] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        cells = math.ceil(self.tolerance_m / self.prior_map.resolution - 1e-9)
         self._reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * cells + 1, 2 * cells + 1))
-        self._means: list[npt.NDArray[np.float32]] = []
-        self._stamps_s: list[float] = []
 
-    def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
-        """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
-        if not self._means:
-            start = (self._map.data >= OCCUPIED_FROM).astype(np.float32)
-            self._means = [start.copy() for _ in team]
-            self._stamps_s = [-math.inf] * len(team)
-        return [
-            box_rows([]) if one.scan is None else self._boxes(robot, one.scan)
-            for robot, one in enumerate(team)
-        ]
-
-    def _boxes(self, robot: int, scan: Scan) -> BoxArray:
+    def _boxes(self, robot: int, scan: Scan) -> Any:
         hit, passed = self._cells(scan)
-        mean, elapsed_s = self._means[robot], scan.stamp_s - self._stamps_s[robot]
+        start = (self.prior_map.data >= OCCUPIED_FROM).astype(np.float32)
+        mean = self._means.setdefault(robot, start)
+        elapsed_s = scan.stamp_s - self._stamps_s.get(robot, -math.inf)
         background = cv2.dilate((mean >= 0.5).astype(np.uint8), self._reach)
         if elapsed_s > 0.0:  # a frame may come before the next scan
             self._stamps_s[robot] = scan.stamp_s
-            weight = np.float32(1.0 - exp(-min(elapsed_s, 1.0) / self._memory_s))
+            weight = np.float32(1.0 - exp(-min(elapsed_s, 1.0) / self.memory_s))
             mean[passed] *= 1.0 - weight
             mean[hit] += weight * (1.0 - mean[hit])
         moved = (hit & (background == 0)).astype(np.uint8)
         _, _, stats, _ = cv2.connectedComponentsWithStats(moved, connectivity=8)
-        blobs = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= self._min_cells].astype(np.float64)
+        blobs = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= self.min_cells].astype(np.float64)
         corners = np.column_stack((blobs[:, :2], blobs[:, :2] + blobs[:, 2:4]))
-        return corners * self._map.resolution + np.tile(self._map.origin, 2)
+        return corners * self.prior_map.resolution + np.tile(self.prior_map.origin, 2)
 
     def _cells(self, scan: Scan) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """(H, W) each: cells with a return within range, and those that beams passed through before that."""
         sensor = scan.pose.compose(scan.lidar.mount)
         ranges_m = np.where(np.isnan(scan.ranges_m), 0.0, scan.ranges_m)
-        steps_m = np.arange(scan.lidar.range_min_m, self._range_m, self._map.resolution)
+        steps_m = np.arange(scan.lidar.range_min_m, self.range_m, self.prior_map.resolution)
         ends = scan.lidar.directions[:, None] * steps_m[None, :, None]
-        before = steps_m[None] < ranges_m[:, None] - self._map.resolution
-        hit = self._marked(scan.returns(self._range_m)[1])
+        before = steps_m[None] < ranges_m[:, None] - self.prior_map.resolution
+        hit = self._marked(scan.returns(self.range_m)[1])
         return hit, self._marked(sensor.transform(ends[before])) & ~hit
 
     def _marked(self, points: Floats) -> npt.NDArray[np.bool_]:
-        cells = np.zeros(self._map.data.shape, np.bool_)
-        columns, rows = np.floor((points - self._map.origin) / self._map.resolution).astype(np.int64).T
-        inside = (columns >= 0) & (columns < self._map.width) & (rows >= 0) & (rows < self._map.height)
+        grid = self.prior_map
+        cells = np.zeros(grid.data.shape, np.bool_)
+        columns, rows = np.floor((points - grid.origin) / grid.resolution).astype(np.int64).T
+        inside = (columns >= 0) & (columns < grid.width) & (rows >= 0) & (rows < grid.height)
         cells[rows[inside], columns[inside]] = True
         return cells
 
@@ -235,8 +213,3 @@ def cut_around(apart: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:
 def extent(points: Floats, margin_m: float) -> list[float]:
     """The box around points, grown by ``margin_m`` on every side."""
     return [*points.min(axis=0) - margin_m, *points.max(axis=0) + margin_m]
-
-
-def box_rows(boxes: Sequence[Sequence[float]]) -> BoxArray:
-    """(n, 4), also of no boxes."""
-    return np.array(boxes, dtype=np.float64).reshape(-1, 4)

@@ -11,7 +11,7 @@ from midnet_bench.detectors.evidence import WallEvidence
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.detection import BoxArray, binary_map
+from midnet_bench.midnet.detection import BoxArray, Floats, binary_map
 from midnet_bench.midnet.midnet_settings import PriorMapSettings
 from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
@@ -60,19 +60,11 @@ class TeamFusion:
         self._fusion: Any = None
 
     def fuse(
-        self,
-        found: Sequence[BoxArray],
-        poses: Sequence[Pose2D],
-        time_s: float,
-        allies: Sequence[Ally] = (),
+        self, found: Sequence[BoxArray], poses: Sequence[Pose2D], time_s: float, allies: Sequence[Ally] = ()
     ) -> tuple[BoxArray, list[int]]:
         """The team's boxes, and for each the robot with the box that is nearest to it; frames come in order.
 
-        Args:
-            found: for each robot, at least one, (n, 4) boxes, map frame, metres, its allies among them.
-            poses: each robot's latest.
-            time_s: of the frame.
-            allies: others to be removed.
+        ``found`` has (n, 4) boxes of each robot, at least one, map frame, metres, its allies among them.
 
         Raises:
             PluginError: the fusion cannot be made, failed, or gave what are no boxes.
@@ -89,7 +81,7 @@ class TeamFusion:
         from scipy.spatial import KDTree  # a quarter of a second, which no trial of the paper's fusion needs
 
         robots = np.repeat(np.arange(len(found)), np.diff(team.starts)[: len(found)])
-        _, nearest = KDTree(_centres(every)).query(_centres(boxes))
+        _, nearest = KDTree((every[:, :2] + every[:, 2:]) / 2.0).query((boxes[:, :2] + boxes[:, 2:]) / 2.0)
         return boxes, robots[nearest].tolist()
 
 
@@ -140,13 +132,9 @@ class DetectorNode:
         self.midnet = MIDNet(
             self.prior, midnet, WallEvidence(prior_map, area_m2).shares if area_m2 > 0.0 else None
         )
-        self.costmaps: list[RollingCostmap]
-        """by robot, map frame"""
-        self.scans: list[Scan | None]
-        """by robot, the last one that :meth:`observe` took"""
         if like is None:
-            self.costmaps = [RollingCostmap(costmap, prior_map.origin) for _ in range(robots)]
-            self.scans = [None] * robots
+            self.costmaps = [RollingCostmap(costmap, prior_map.origin) for _ in range(robots)]  # map frame
+            self.scans: list[Scan | None] = [None] * robots  # the last that :meth:`observe` took
         else:
             self.costmaps, self.scans = like.costmaps, like.scans
         self._detector: _CachedDetector | None = None
@@ -160,12 +148,7 @@ class DetectorNode:
         """whether section IV is done as it is written, and no frame depends on an earlier one"""
 
     def observe(
-        self,
-        robot: int,
-        pose: Pose2D,
-        ranges_m: npt.NDArray[np.float64],
-        lidar: LidarGeometry,
-        time_s: float,
+        self, robot: int, pose: Pose2D, ranges_m: Floats, lidar: LidarGeometry, time_s: float
     ) -> None:
         """Take one scan into a robot's costmap: (beams,) metres, and its pose then, map frame.
 
@@ -178,7 +161,16 @@ class DetectorNode:
         """
         if not 0 <= robot < len(self.costmaps):
             raise InputError(f"scan: robot {robot}: there are {len(self.costmaps)}, counted from 0")
-        _check(pose, ranges_m, lidar, time_s)
+        # compiled loops would read beyond an array, or never come back
+        if ranges_m.shape != (lidar.beams,):
+            shape = " x ".join(map(str, ranges_m.shape))
+            raise InputError(
+                f"scan: {shape} ranges of a LiDAR of {lidar.beams} beams; give one for each beam"
+            )
+        numbers = (*pose, time_s, lidar.angle_min_rad, lidar.angle_increment_rad, *lidar.mount)
+        limits = (lidar.range_min_m, lidar.range_max_m)
+        if not all(map(math.isfinite, numbers)) or any(map(math.isnan, limits)):
+            raise InputError(f"scan: {pose} at {time_s} s by {lidar}: all of them must be finite numbers")
         self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
         self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
@@ -250,19 +242,6 @@ def detector_nodes(sights: Sequence[Sight], robots: int) -> list[DetectorNode]:
     return nodes
 
 
-def _check(pose: Pose2D, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
-    """What compiled loops would read beyond an array of, or never come back from."""
-    if not all(map(math.isfinite, (*pose, time_s))):
-        raise InputError(f"scan: pose ({pose.x}, {pose.y}, {pose.yaw}) at {time_s} s: must be finite")
-    if ranges_m.ndim != 1 or len(ranges_m) != lidar.beams:
-        shape = " x ".join(map(str, ranges_m.shape))
-        raise InputError(f"scan: {shape} ranges of a LiDAR of {lidar.beams} beams; give one for each beam")
-    angles = (lidar.angle_min_rad, lidar.angle_increment_rad, *lidar.mount)
-    limits = (lidar.range_min_m, lidar.range_max_m)
-    if not all(map(math.isfinite, angles)) or any(map(math.isnan, limits)):
-        raise InputError(f"scan: LiDAR {lidar}: its angles, mount and limits must be numbers")
-
-
 def _read_only(observation: Observation) -> Observation:
     costmap = observation.costmap.with_data(_fixed(observation.costmap.data))
     scan = observation.scan and observation.scan._replace(ranges_m=_fixed(observation.scan.ranges_m))
@@ -273,10 +252,6 @@ def _fixed(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _centres(boxes: BoxArray) -> BoxArray:
-    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
 
 
 def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:
@@ -322,11 +297,10 @@ def _checked_boxes(given: object, plugin: ExtensionPoint, name: str) -> BoxArray
         return np.empty((0, 4))
     if boxes.ndim != 2 or boxes.shape[1] != 4:
         raise plugin.refused(name, f"{gave} an array of shape {boxes.shape}; boxes have the shape (n, 4)")
-    if not np.isfinite(boxes).all():
-        wrong = boxes[~np.isfinite(boxes).all(axis=1)][0]
-        raise plugin.refused(name, f"{gave} a box that is not finite: {wrong}")
-    empty = (boxes[:, :2] >= boxes[:, 2:]).any(axis=1)
-    if empty.any():
+    finite, solid = np.isfinite(boxes).all(axis=1), (boxes[:, :2] < boxes[:, 2:]).all(axis=1)
+    if not finite.all():
+        raise plugin.refused(name, f"{gave} a box that is not finite: {boxes[~finite][0]}")
+    if not solid.all():
         needed = "x_min < x_max and y_min < y_max are needed"
-        raise plugin.refused(name, f"{gave} a box without area: {boxes[empty][0]}; {needed}")
+        raise plugin.refused(name, f"{gave} a box without area: {boxes[~solid][0]}; {needed}")
     return boxes

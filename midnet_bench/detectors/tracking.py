@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.geometry import Box, Point
+from midnet_bench.geometry import Box, Point, mean_point
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -172,14 +172,10 @@ class Events:
             if time_s - seen.places[-1][0] > KEPT_S:
                 self._tracker.drop(number)
                 self._end(self._seen.pop(number))
-        groups = _groups([box.center for box in boxes])
-        places = [
-            (
-                math.fsum(boxes[k].center[0] for k in group) / len(group),
-                math.fsum(boxes[k].center[1] for k in group) / len(group),
-            )
-            for group in groups
-        ]
+        centers = [box.center for box in boxes]
+        groups = _groups(centers)
+        means = [mean_point(np.array([centers[k] for k in group])).tolist() for group in groups]
+        places = [(x, y) for x, y in means]
         numbers = [-1] * len(boxes)
         for number, place, group in zip(self._tracker.update(places, time_s), places, groups, strict=True):
             for k in group:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -167,7 +167,7 @@ def find_frontiers(
             column, row = centroids[label].tolist()
             centroid = costmap.center_of(column - 1, row - 1)
             # one cell of padding on either side, and centres half a cell from corners
-            approaches = costmap.origin + (cells - 0.5) * costmap.resolution
+            approaches = np.asarray(costmap.origin + (cells - 0.5) * costmap.resolution, dtype=np.float64)
             frontiers.append(Frontier(cost, size_m, distance_m, centroid, approaches))
     return sorted(frontiers, key=lambda frontier: frontier.cost)
 
@@ -338,7 +338,7 @@ def _see(grid: OccupancyGrid, points: Floats, place: Point) -> Cells:
     return np.asarray((cells < OCCUPIED_FROM).reshape(samples, -1).all(axis=0))
 
 
-def _dilated(cells: Cells, kernel: npt.NDArray[np.generic]) -> Cells:
+def _dilated(cells: Cells, kernel: npt.NDArray[Any]) -> Cells:
     return np.asarray(cv2.dilate(cells.view(np.uint8), kernel) > 0)
 
 

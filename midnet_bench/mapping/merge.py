@@ -83,8 +83,9 @@ def propose(first: OccupancyGrid, second: OccupancyGrid) -> Proposal | None:
     inliers = inlier_mask.ravel().astype(bool)
     (c, _, _), (s, _, _) = transform.tolist()
     yaw = math.atan2(s, c)
-    (x, y), center_b = matched_a[inliers].mean(axis=0).tolist(), matched_b[inliers].mean(axis=0).tolist()
-    turned = Pose2D(0.0, 0.0, yaw).compose(Pose2D(*center_b, 0.0))
+    x, y = matched_a[inliers].mean(axis=0).tolist()
+    x_b, y_b = matched_b[inliers].mean(axis=0).tolist()
+    turned = Pose2D(0.0, 0.0, yaw).compose(Pose2D(x_b, y_b, 0.0))
     confidence = float(inliers.sum()) / (8.0 + 0.3 * len(pairs))
     return Proposal(Pose2D(x - turned.x, y - turned.y, yaw), confidence, math.hypot(c, s))
 
@@ -302,9 +303,9 @@ def match_maps(
     fits = [fit(a, b, pose) for pose in poses]
     evidence = [found.evidence_m(trust.min_agreement) for found in fits]
     best = int(np.argmax(evidence))
-    middle = Pose2D(*mean_point(b.walls).tolist(), 0.0)
+    x, y = mean_point(b.walls).tolist()
     judged = zip(poses, evidence, strict=True)
-    elsewhere = [value for pose, value in judged if not _same_place(pose, poses[best], middle)]
+    elsewhere = [value for pose, value in judged if not _same_place(pose, poses[best], Pose2D(x, y, 0.0))]
     rival = max(elsewhere, default=0.0) / evidence[best] if evidence[best] > 0.0 else 0.0
     overlap = evidence[best] / min(a.wall_m, b.wall_m)
     confidence, agreement = proposal.confidence, fits[best].agreement

@@ -32,15 +32,8 @@ RESOLUTION_TOLERANCE = 1e-4  # saved maps round their resolution to six decimals
 def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> BinaryArray:
     """The grid E of Eq. 1, uint8 of the costs' shape: 0 where cost >= ``thresh``, else 255.
 
-    Eq. 1 leaves -1 (unknown) out; the text beside it calls such a cell free (item 4).
-
-    Args:
-        costs: int8 of any shape, published costs: 0 to 100, -1 unknown.
-        thresh: in the same units, 1 to 100.
-        unknown: what a cell of cost -1 becomes.
-
-    Raises:
-        InputError: the costs are not int8 (as uint8, unknown would read 255 and count as occupied).
+    Eq. 1 leaves -1 (unknown) out; the text beside it calls such a cell free (item 4). Raises InputError if
+    the costs are not int8: as uint8, unknown would read 255 and count as occupied.
     """
     if costs.dtype != np.int8:
         raise InputError(
@@ -54,13 +47,8 @@ def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "fre
     return np.negative(grid, out=grid)  # of bytes: 1 becomes 255
 
 
-class Window(NamedTuple):
-    """Where the local grid lies on the prior map, in its cells; half-open, and may reach outside."""
-
-    x1: int
-    y1: int
-    x2: int
-    y2: int
+Window = tuple[int, int, int, int]
+"""x1, y1, x2, y2: where the local grid lies on the prior map, in its cells; half-open, may reach outside"""
 
 
 class Crop(NamedTuple):
@@ -94,8 +82,7 @@ EMPTY_CROP = Crop(0, 0, 0, 0, 0, 0, 0, 0)
 
 def robot_cell(pose: Pose2D, prior: OccupancyGrid) -> tuple[int, int]:
     """(x_c, y_c) of Eq. 4: the (column, row) of the prior map where the robot is, by floor (item 16)."""
-    x_0, y_0 = prior.origin
-    return math.floor((pose.x - x_0) / prior.resolution), math.floor((pose.y - y_0) / prior.resolution)
+    return prior.cell_at(pose.x, pose.y)
 
 
 def window_around(cell: tuple[int, int], width: int, height: int) -> Window:
@@ -104,7 +91,7 @@ def window_around(cell: tuple[int, int], width: int, height: int) -> Window:
     Half of an odd size is rounded down: [c - w // 2, c - w // 2 + w) (item 16).
     """
     x1, y1 = cell[0] - width // 2, cell[1] - height // 2
-    return Window(x1, y1, x1 + width, y1 + height)
+    return x1, y1, x1 + width, y1 + height
 
 
 def window_at_origin(costmap: OccupancyGrid, prior: OccupancyGrid) -> Window:
@@ -115,7 +102,7 @@ def window_at_origin(costmap: OccupancyGrid, prior: OccupancyGrid) -> Window:
     """
     x1 = math.floor((costmap.origin[0] - prior.origin[0]) / prior.resolution + 0.5)
     y1 = math.floor((costmap.origin[1] - prior.origin[1]) / prior.resolution + 0.5)
-    return Window(x1, y1, x1 + costmap.width, y1 + costmap.height)
+    return x1, y1, x1 + costmap.width, y1 + costmap.height
 
 
 def cropping_coordinates(window: Window, prior_width: int, prior_height: int) -> Crop:
@@ -128,17 +115,13 @@ def cropping_coordinates(window: Window, prior_width: int, prior_height: int) ->
     width, height = x2_gmap - x1_gmap, y2_gmap - y1_gmap
     x1_lmap, y1_lmap, x2_lmap, y2_lmap = 0, 0, width, height
     if x1_gmap < 0:
-        x1_lmap = abs(x1_gmap)
-        x1_gmap = 0
+        x1_lmap, x1_gmap = abs(x1_gmap), 0
     if y1_gmap < 0:
-        y1_lmap = abs(y1_gmap)
-        y1_gmap = 0
+        y1_lmap, y1_gmap = abs(y1_gmap), 0
     if x2_gmap > prior_width:
-        x2_lmap = width - (x2_gmap - prior_width)
-        x2_gmap = prior_width
+        x2_lmap, x2_gmap = width - (x2_gmap - prior_width), prior_width
     if y2_gmap > prior_height:
-        y2_lmap = height - (y2_gmap - prior_height)
-        y2_gmap = prior_height
+        y2_lmap, y2_gmap = height - (y2_gmap - prior_height), prior_height
     if x1_lmap >= x2_lmap or y1_lmap >= y2_lmap:
         return EMPTY_CROP
     return Crop(x1_lmap, y1_lmap, x2_lmap, y2_lmap, x1_gmap, y1_gmap, x2_gmap, y2_gmap)
@@ -147,14 +130,8 @@ def cropping_coordinates(window: Window, prior_width: int, prior_height: int) ->
 def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, align: Align = "floor") -> Crop:
     """Section IV.B.1 in full: the cells that the local grid and the prior map have in common.
 
-    Args:
-        costmap: the local grid; only its place and shape matter here.
-        prior: the prior map.
-        pose: of the robot, map frame.
-        align: ``floor``, Eqs. 2 to 4 from the pose; ``origin``, from the costmap's own origin.
-
-    Raises:
-        InputError: the two grids differ in resolution (item 19).
+    ``align``: ``floor``, Eqs. 2 to 4 from the robot's pose; ``origin``, from the costmap's own origin. Raises
+    InputError if the two grids differ in resolution (item 19).
     """
     if not math.isclose(costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE):
         raise InputError(
@@ -164,10 +141,8 @@ def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, al
     if align == "origin":
         window = window_at_origin(costmap, prior)
     else:
-        height, width = costmap.data.shape
-        window = window_around(robot_cell(pose, prior), width, height)
-    prior_height, prior_width = prior.data.shape
-    return cropping_coordinates(window, prior_width, prior_height)
+        window = window_around(robot_cell(pose, prior), costmap.width, costmap.height)
+    return cropping_coordinates(window, prior.width, prior.height)
 
 
 def common_occupancy(a: BinaryArray, b: BinaryArray) -> BinaryArray:
@@ -194,13 +169,8 @@ def bounding_boxes(
     A box spans the outer edges of its cells, so one cell is one resolution wide (item 24). Edges are
     counted from the prior map's origin: two robots that find the same cells give equal boxes. Blobs are
     8-connected. What lies in a hole is left out: a hollow blob is one object (item 22). The blob that
-    starts in the highest row comes first.
-
-    Args:
-        d: of :func:`foreground`.
-        first_cell: (column, row) on the prior map of D's cell (0, 0).
-        prior: the prior map.
-        min_area_cells: rectangles of fewer cells are dropped; 1 keeps all (item 23).
+    starts in the highest row comes first. ``first_cell``: (column, row) on the prior map of D's cell (0, 0);
+    rectangles of fewer than ``min_area_cells`` cells are dropped; 1 keeps all (item 23).
     """
     contours = cv2.findContours(d, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0] if d.size else ()
     column, row = first_cell

@@ -17,7 +17,7 @@ import numpy as np
 from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.detection import BoxArray, Indices
-from midnet_bench.midnet.midnet_settings import AllyRemove
+from midnet_bench.midnet.midnet_settings import AllyRemove, MIDNetSettings
 
 FIRST, BEST, ALL = range(3)
 REMOVE: dict[AllyRemove, int] = {"first": FIRST, "best": BEST, "all": ALL}
@@ -82,18 +82,15 @@ def remove_ally_detections(
         threshold: t, 0 < t <= 1; an IoU of t or more is the ally (item 29).
         remove: FIRST in the list, as the paper; BEST IoU; or ALL of t or more.
 
-    Returns:
-        ``kept`` and ``removed`` of ``TeamBoxes``.
+    ``kept`` and ``removed`` of ``TeamBoxes`` come back.
     """
     gone = np.zeros(len(boxes), np.bool_)
-    removed = np.empty((len(boxes), 2), np.int64)
-    removals = 0
+    removed, removals = np.empty((len(boxes), 2), np.int64), 0
     for i in range(len(squares)):
         for j in range(len(starts) - 1):
             if i == j:
                 continue
-            highest = threshold
-            taken = -1
+            taken, highest = -1, threshold
             for k in range(starts[j], starts[j + 1]):
                 score = 0.0 if gone[k] else iou(squares[i], boxes[k])
                 if score < threshold or (remove == FIRST and taken >= 0):
@@ -118,10 +115,8 @@ def fuse_detections(s1: Indices, s2: Indices, boxes: BoxArray, threshold: float)
     Each box i of ``s1`` is compared with those of ``s2`` up to the first j with IoU >= t. If i has the
     larger area it takes j's place, else it is dropped; without such a j it is appended. (The paper
     appends to an undefined L; S is meant, item 33.) Boxes are compared with ``s2`` as it came, so a
-    second i can push out one that had just taken j's place, though the two may not even touch.
-
-    Returns:
-        The fused list; and (k, 2) each box that is lost, with the one that stays in its place.
+    second i can push out one that had just taken j's place, though the two may not even touch. The fused list
+    comes back, and (k, 2) each box that is lost, with the one that stays in its place.
     """
     fused, length = np.concatenate((s2, s1)), len(s2)
     lost, losses = np.empty((len(s1), 2), np.int64), 0
@@ -156,15 +151,8 @@ def divide_and_conquer(
     """Algorithm 3, Divide and Conquer: the lists ``left`` to ``right`` fused in pairs, up a binary tree.
 
     The paper's recursive calls forget t; it is passed on (item 33). A single list is returned as it
-    is, never fused with itself (item 34).
-
-    Args:
-        lists: of each robot, indices of ``boxes``.
-        left: l, the first list's index, counted from 0.
-        right: r, the last list's index, inclusive.
-        boxes: of the whole team.
-        threshold: t, 0 < t <= 1.
-        calls: takes what each call came to, by (l, r), unless None.
+    is, never fused with itself (item 34). ``lists`` hold indices of ``boxes``, the whole team's; l is counted
+    from 0, r inclusive; ``calls`` takes what each call came to, by (l, r).
     """
     if left == right:
         fused, lost = lists[left], NOTHING
@@ -178,22 +166,17 @@ def divide_and_conquer(
     return fused
 
 
-def fuse_team(
-    boxes: BoxArray, robots: Indices, squares: BoxArray, iou_ally: float, remove: int, iou_fuse: float
-) -> TeamBoxes:
+def fuse_team(found: Sequence[BoxArray], squares: BoxArray, settings: MIDNetSettings) -> TeamBoxes:
     """Section IV.C in full, for at least one robot.
 
-    Args:
-        boxes: of the whole team, robot after robot.
-        robots: for each box, the index of the robot that found it.
-        squares: of each robot, as :func:`ally_squares` has them; those of further allies behind.
-        iou_ally: t of Algorithm 2.
-        remove: as for :func:`remove_ally_detections`.
-        iou_fuse: t of Algorithms 3 and 4.
+    ``found`` has each robot's boxes, ``squares`` each robot's of :func:`ally_squares`, and behind them those
+    of further allies.
     """
-    bounds = np.arange(len(squares) + 1)
-    kept, removed = remove_ally_detections(boxes, np.searchsorted(robots, bounds), squares, iou_ally, remove)
+    boxes, robots = np.concatenate(found), np.repeat(np.arange(len(found)), [len(own) for own in found])
+    bounds = np.arange(len(squares) + 1)  # allies count as robots that find nothing
+    starts, remove = np.searchsorted(robots, bounds), REMOVE[settings.ally_remove]
+    kept, removed = remove_ally_detections(boxes, starts, squares, settings.iou_ally, remove)
     starts = np.searchsorted(robots[kept], bounds)
     lists = [kept[begin:end] for begin, end in pairwise(starts.tolist())]
-    fused = divide_and_conquer(lists, 0, len(lists) - 1, boxes, iou_fuse)
+    fused = divide_and_conquer(lists, 0, len(lists) - 1, boxes, settings.iou_fuse)
     return TeamBoxes(boxes[fused], robots[fused], kept, starts, removed)

@@ -25,7 +25,7 @@ from midnet_bench.midnet.detection import (
     shrunk,
     with_returns,
 )
-from midnet_bench.midnet.fusion import REMOVE, TeamBoxes, ally_squares, fuse_team
+from midnet_bench.midnet.fusion import TeamBoxes, ally_squares, fuse_team
 from midnet_bench.midnet.midnet_settings import MIDNetSettings as MIDNetSettings
 
 
@@ -91,17 +91,6 @@ class Frame:
     explanation: Explanation | None = None  # only when asked for
 
 
-class _Grids(NamedTuple):
-    """One robot's intermediates before the team comes in, as in ``RobotView``."""
-
-    crop: Crop
-    a: BinaryArray
-    b: BinaryArray
-    c: BinaryArray
-    d: BinaryArray
-    found: BoxArray
-
-
 class MIDNet:
     """The central bot: a prior map, and settings; it remembers nothing from frame to frame."""
 
@@ -135,42 +124,36 @@ class MIDNet:
         """
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
-        grids = [self._detect(observation) for observation in observations]  # IV.A, IV.B
-        poses = [observation.pose for observation in observations]
-        team = self.team_of([one.found for one in grids], poses, allies)  # IV.C
-        detections = [Box._make(box) for box in team.detections.tolist()]
-        return Frame(
-            detections, team.found_by.tolist(), self._explain(grids, poses, allies, team) if explain else None
-        )
+        each = [self._detect(observation) for observation in observations]  # IV.A, IV.B
+        found = [boxes for boxes, _, _ in each]
+        squares = self._squares([observation.pose for observation in observations], allies)
+        team = fuse_team(found, squares, self.settings)  # IV.C
+        explanation = self._explain(each, squares, team) if explain else None
+        return Frame(_boxes(team.detections), team.found_by.tolist(), explanation)
 
     def found_by_each(self, observations: Sequence[Observation]) -> list[BoxArray]:
         """Sections IV.A and IV.B alone: of each robot (n, 4) boxes, map frame, before the team comes in.
 
         Raises InputError as :meth:`update` does. ``fused`` of this is what ``update`` gives.
         """
-        return [self._detect(observation).found for observation in observations]
+        return [self._detect(observation)[0] for observation in observations]
 
     def fused(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> list[Box]:
         """Section IV.C alone: the team's detections from the boxes of each robot and its latest pose."""
-        return [Box._make(box) for box in self.team_of(found, poses).detections.tolist()] if found else []
+        return _boxes(self.team_of(found, poses).detections) if found else []
 
     def team_of(
         self, found: Sequence[BoxArray], poses: Sequence[Pose2D], allies: Sequence[Ally] = ()
     ) -> TeamBoxes:
         """As :meth:`fused`, with what Algorithm 2 left and took; at least one robot."""
-        settings = self.settings
-        squares, remove = self._squares(poses, allies), REMOVE[settings.ally_remove]
-        robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
-        return fuse_team(np.concatenate(found), robots, squares, settings.iou_ally, remove, settings.iou_fuse)
+        return fuse_team(found, self._squares(poses, allies), self.settings)
 
     def _squares(self, poses: Sequence[Pose2D], allies: Sequence[Ally]) -> BoxArray:
         squares = ally_squares(poses, self.settings.ally_diameter_m)
-        if allies:
-            squares = np.concatenate((squares, *(ally_squares([pose], side_m) for pose, side_m in allies)))
-        return squares
+        return np.concatenate((squares, *(ally_squares([pose], side_m) for pose, side_m in allies)))
 
-    def _detect(self, observation: Observation) -> _Grids:
-        """Sections IV.A and IV.B for one robot; then, if asked for, only boxes with returns in them."""
+    def _detect(self, observation: Observation) -> tuple[BoxArray, Crop, tuple[BinaryArray, ...]]:
+        """Sections IV.A and IV.B for one robot: boxes, what was compared, and A to D."""
         costmap, settings, prior = observation.costmap, self.settings, self.prior
         local = binary_map(costmap.data, settings.thresh_local, settings.unknown)  # Eq. 1
         crop = crop_to_prior(costmap, prior, observation.pose, settings.align)  # Algorithm 1, Eqs. 2 to 4
@@ -185,25 +168,27 @@ class MIDNet:
             boxes = with_returns(boxes, points, shares, settings.min_returns)
         if settings.deflate_boxes_m > 0.0:
             boxes = shrunk(boxes, settings.deflate_boxes_m)
-        return _Grids(crop, a, b, c, d, boxes)
+        return boxes, crop, (a, b, c, d)
 
     def _explain(
-        self, grids: Sequence[_Grids], poses: Sequence[Pose2D], allies: Sequence[Ally], team: TeamBoxes
+        self,
+        each: Sequence[tuple[BoxArray, Crop, tuple[BinaryArray, ...]]],
+        squares: BoxArray,
+        team: TeamBoxes,
     ) -> Explanation:
         """The intermediates with their place in the map frame."""
-        every = [
-            Detection(Box._make(box), robot) for robot, one in enumerate(grids) for box in one.found.tolist()
-        ]
+        every = [Detection(box, robot) for robot, (rows, _, _) in enumerate(each) for box in _boxes(rows)]
         (x_0, y_0), resolution, views = self.prior.origin, self.prior.resolution, []
-        for robot, one in enumerate(grids):
-            corner = (x_0 + one.crop.x1_gmap * resolution, y_0 + one.crop.y1_gmap * resolution)
-            arrays = (one.a, one.b, one.c, one.d)
+        for robot, (rows, crop, arrays) in enumerate(each):
+            corner = (x_0 + crop.x1_gmap * resolution, y_0 + crop.y1_gmap * resolution)
             a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in arrays)
-            own = [Box._make(box) for box in one.found.tolist()]
             kept = [every[k].box for k in team.kept[team.starts[robot] : team.starts[robot + 1]]]
-            views.append(RobotView(one.crop, a, b, c, d, own, kept))
-        squares = [Box._make(square) for square in self._squares(poses, allies).tolist()]
-        removed = [
-            RemovedAlly(every[k], ally, squares[ally].iou(every[k].box)) for ally, k in team.removed.tolist()
-        ]
+            views.append(RobotView(crop, a, b, c, d, _boxes(rows), kept))
+        allies = _boxes(squares)
+        taken = [(every[k], ally) for ally, k in team.removed.tolist()]
+        removed = [RemovedAlly(found, ally, allies[ally].iou(found.box)) for found, ally in taken]
         return Explanation(views, removed)
+
+
+def _boxes(rows: BoxArray) -> list[Box]:
+    return [Box._make(row) for row in rows.tolist()]

@@ -97,11 +97,6 @@ def test_a_frontier_goes_on_where_only_another_room_touches_it():
     np.testing.assert_allclose(frontier.approaches, [(1.5, 2.5)])
 
 
-def test_diagonal_unknown_cells_form_one_frontier():
-    (frontier,) = find_frontiers(grid("#####\n#  ?#\n# ?##\n#####"), at(1, 1), ONE_CELL)
-    assert frontier.size_m == 2.0
-
-
 @pytest.mark.parametrize("robot", [at(0, 0), at(-5, 2), Pose2D(1e3, 1e3, 0.0)])
 def test_a_robot_in_an_obstacle_or_off_the_grid_starts_from_the_nearest_free_cell(robot):
     (frontier,) = find_frontiers(grid("####\n#  ?\n####"), robot, ONE_CELL)
@@ -190,13 +185,6 @@ def test_an_aborted_goal_is_tried_again_only_when_nothing_else_is_left():
         goals.append(plan(explorer, at(3, 1), CROSSING, float(time_s)))
         explorer.report(succeeded=False)
     assert goals == [(2.5, 1.5), (6.5, 1.5), (2.5, 1.5), (6.5, 1.5), None]
-
-
-def test_a_goal_reached_is_not_blacklisted():
-    explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0))
-    plan(explorer, at(3, 1), CROSSING, 0.0)
-    explorer.report(succeeded=True)
-    assert plan(explorer, at(3, 1), CROSSING, 1.0) == (2.5, 1.5)
 
 
 def test_goals_of_team_mates_are_left_to_them_while_there_are_others():

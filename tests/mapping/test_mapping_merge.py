@@ -194,17 +194,6 @@ def test_a_team_of_three_is_chained_and_a_stranger_left_out():
     assert known_m2 == pytest.approx(building.width_m * building.height_m, rel=0.12)
 
 
-def test_maps_that_do_not_match_leave_the_largest_as_it_is():
-    rng = stream(5, "strangers")
-    maps = []
-    for draw in (rooms, corridor):
-        building = draw(rng)
-        maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
-    merged, matches = by_features(maps, [SAME] * 2)
-    assert matches[0, 1].placement is None
-    assert merged is max(maps, key=lambda one: np.count_nonzero(one.data >= 0))
-
-
 def test_compose_takes_the_largest_known_value():
     first = grid("? #\n?. ")
     second = grid("#??\n   ")
@@ -233,22 +222,6 @@ def test_start_poses_are_metres_in_the_common_frame():
     for x, y, value in ((1.25, 0.0, 0), (1.75, 0.0, 100), (1.0, 2.25, 0), (1.0, 2.75, 100), (1.75, 2.0, -1)):
         column, row = merged.cell_at(x, y)
         assert merged.data[row, column] == value
-
-
-def test_maps_of_known_starts_show_the_building_once():
-    rng = stream(6, "starts")
-    building = rooms(rng)
-    starts = [Pose2D(2.0, 2.0, 0.7), Pose2D(6.0, 3.0, -2.1)]
-    maps = [
-        map_of(building, viewpoints(building, rng, *share), start, rng)
-        for share, start in zip(((0.0, 0.6), (0.4, 1.0)), starts, strict=True)
-    ]
-    merged = compose(maps, starts)
-    rows, columns = np.nonzero(merged.data == 100)
-    walls = [merged.center_of(int(column), int(row)) for column, row in zip(columns, rows, strict=True)]
-    off = [min(box.distance_to_point(x, y) for box in building.boxes) for x, y in walls]
-    assert max(off) < 0.1
-    assert np.mean(off) < 0.02
 
 
 @pytest.mark.slow

@@ -7,14 +7,13 @@ import numpy as np
 
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.midnet.fusion import (
-    REMOVE,
     AllyRemove,
     ally_squares,
     divide_and_conquer,
     fuse_detections,
     fuse_team,
 )
-from midnet_bench.midnet.pipeline import Detection
+from midnet_bench.midnet.pipeline import Detection, MIDNetSettings
 
 
 class AllyRemoval(NamedTuple):
@@ -38,8 +37,8 @@ def remove_ally_detections(
     remove: AllyRemove = "first",
 ) -> AllyRemoval:
     flat = [one for own in lists for one in own]
-    robots = np.array([one.robot for one in flat], np.int64)
-    team = fuse_team(rows(flat), robots, ally_squares(poses, di), t, REMOVE[remove], 1.0)
+    settings = MIDNetSettings(iou_ally=t, ally_remove=remove, iou_fuse=1.0)
+    team = fuse_team([rows(own) for own in lists], ally_squares(poses, di), settings)
     kept = [[flat[k] for k in team.kept[i:j]] for i, j in zip(team.starts, team.starts[1:], strict=False)]
     return AllyRemoval(kept, [(flat[k], ally) for ally, k in team.removed.tolist()])
 

@@ -8,7 +8,6 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import (
     EMPTY_CROP,
-    Window,
     crop_to_prior,
     cropping_coordinates,
     robot_cell,
@@ -96,8 +95,8 @@ def test_crop_of_the_figure(drawing: str) -> None:
     both = np.array(extent(drawn == "X"))
     prior = np.array(extent((drawn == ".") | (drawn == "X")))
     local = np.array(extent((drawn == "o") | (drawn == "X")))
-    window = Window(*(local - np.tile(prior[:2], 2)).tolist())
-    crop = cropping_coordinates(window, *(prior[2:] - prior[:2]).tolist())
+    x1, y1, x2, y2 = (local - np.tile(prior[:2], 2)).tolist()
+    crop = cropping_coordinates((x1, y1, x2, y2), *(prior[2:] - prior[:2]).tolist())
     assert crop == (*(both - np.tile(local[:2], 2)), *(both - np.tile(prior[:2], 2)))
     assert not crop.is_empty
 
@@ -109,7 +108,7 @@ def test_window_wholly_outside_gives_an_empty_crop(dx: int, dy: int) -> None:
     for gap in (0, 9):
         x1 = {-1: -3 - gap, 0: 1, 1: 5 + gap}[dx]
         y1 = {-1: -3 - gap, 0: 1, 1: 5 + gap}[dy]
-        crop = cropping_coordinates(Window(x1, y1, x1 + 3, y1 + 3), 5, 5)
+        crop = cropping_coordinates((x1, y1, x1 + 3, y1 + 3), 5, 5)
         assert crop.is_empty == ((dx, dy) != (0, 0))
         if crop.is_empty:
             assert crop == EMPTY_CROP
@@ -123,7 +122,7 @@ def test_crops_are_equal_in_size_lie_in_both_grids_and_pair_the_same_cells(
 ) -> None:
     local = np.arange(height * width, dtype=np.uint8).reshape(height, width)
     prior = np.arange(prior_height * prior_width, dtype=np.uint8).reshape(prior_height, prior_width)
-    crop = cropping_coordinates(Window(x1, y1, x1 + width, y1 + height), prior_width, prior_height)
+    crop = cropping_coordinates((x1, y1, x1 + width, y1 + height), prior_width, prior_height)
 
     assert 0 <= crop.x1_lmap <= crop.x2_lmap <= width
     assert 0 <= crop.y1_lmap <= crop.y2_lmap <= height
@@ -156,16 +155,16 @@ def test_robot_cell_is_the_floor_of_eq_4(x: float, y: float, cell: tuple[int, in
 
 
 def test_window_of_even_and_odd_size() -> None:
-    assert window_around((10, 20), 4, 6) == Window(8, 17, 12, 23)
-    assert window_around((10, 20), 5, 7) == Window(8, 17, 13, 24)
-    assert window_around((0, 0), 1, 1) == Window(0, 0, 1, 1)
+    assert window_around((10, 20), 4, 6) == (8, 17, 12, 23)
+    assert window_around((10, 20), 5, 7) == (8, 17, 13, 24)
+    assert window_around((0, 0), 1, 1) == (0, 0, 1, 1)
 
 
 @pytest.mark.parametrize(("shift", "cell"), [(0.0, 2), (0.024, 2), (-0.024, 2), (0.026, 3), (-0.026, 1)])
 def test_window_by_the_costmaps_own_origin_goes_to_the_nearest_cell(shift: float, cell: int) -> None:
     prior = blank(40, 40, 0.05, (-1.0, -1.0))
     costmap = blank(6, 4, 0.05, (-0.9 + shift, -0.9 + shift))
-    assert window_at_origin(costmap, prior) == Window(cell, cell, cell + 6, cell + 4)
+    assert window_at_origin(costmap, prior) == (cell, cell, cell + 6, cell + 4)
 
 
 def test_alignments_differ_when_the_rolling_window_lags_behind_the_robot() -> None:

@@ -122,12 +122,6 @@ def test_ally_is_no_intruder() -> None:
     assert frame.explanation.views[0].kept == []
 
 
-def test_known_room_without_intruders_gives_nothing() -> None:
-    empty = OccupancyGrid(np.where(ROOM.data == 0, 100, 0).astype(np.int8), 0.5, ROOM.origin)
-    frame = MIDNet(ROOM, SETTINGS).update([Observation(room_cell(6, 4), empty)])
-    assert frame.detections == []
-
-
 def test_robot_far_outside_the_prior_map_sees_nothing_and_the_others_go_on() -> None:
     lost = Observation(Pose2D(400.0, 400.0, 0.0), LEFT.costmap)
     frame = MIDNet(ROOM, SETTINGS).update([lost, LEFT], explain=True)
@@ -315,9 +309,3 @@ def test_prior_map_that_is_not_binary_is_refused() -> None:
     for data in (np.zeros((3, 3), np.int8), np.full((3, 3), 100, np.uint8)):
         with pytest.raises(InputError, match="prior map: must be binary"):
             MIDNet(OccupancyGrid(data, 0.05, (0.0, 0.0)))
-
-
-def test_costmap_of_another_resolution_is_refused_by_the_pipeline() -> None:
-    fine = Observation(LEFT.pose, OccupancyGrid(LEFT.costmap.data, 0.25, (0.0, 0.0)))
-    with pytest.raises(InputError, match=r"costmap: resolution 0\.25 m"):
-        MIDNet(ROOM).update([LEFT, fine])
