@@ -22,13 +22,11 @@ from midnet_bench.plugins import PluginError
 from midnet_bench.recording.files.bags import in_words
 from midnet_bench.recording.files.no_return import CODES, Meaning, NoReturn
 from midnet_bench.recording.files.readings import (
-    KINDS,
     NO_MOTION,
     NS,
     GridReading,
     PoseReading,
     ScanReading,
-    Topic,
     Transform,
     decoded,
 )
@@ -246,7 +244,7 @@ class LiveNode:
 
     def _take(self, topic: str, message: Any) -> None:
         kind, name = self._kinds[topic], topic.split("/")[1]
-        for reading in decoded(Topic(topic, kind, 0, KINDS[kind]), 0, message):
+        for reading in decoded(topic, kind, 0, message):
             if isinstance(reading, GridReading) and self._node is None:
                 self._prior_map = reading.as_map()
                 self._node = self._made(self._prior_map)

@@ -41,7 +41,7 @@ class RayCounts:
         self.first_s = np.full(shape, np.inf, np.float32)
         self.last_s = np.full(shape, -np.inf, np.float32)
         self.began_s: float | None = None
-        self.newest_s: float | None = None
+        self.newest_s = 0.0
 
     def take(self, scan: Scan, points: Floats, range_m: float = math.inf) -> None:
         """Count one scan's returns, (n, 2) metres, up to ``range_m``, and the way to them.
@@ -73,12 +73,14 @@ class RayCounts:
         low, high = self._cells(points.min(axis=0)), self._cells(points.max(axis=0)) - (columns - 1, rows - 1)
         left, below = np.where(low < 0, MARGIN_CELLS - low, 0).tolist()
         right, above = np.where(high > 0, MARGIN_CELLS + high, 0).tolist()
-        if not (left or below or right or above):
+        rows, columns = rows + below + above, columns + left + right
+        if (rows, columns) == self.hits.shape:
             return
-        if (rows + below + above) * (columns + left + right) > MOST_CELLS:
-            wide_m = self.resolution_m * max(columns + left + right, rows + below + above)
-            line = f"ray counts: returns {wide_m:.0f} m apart need a map that is too large"
-            raise InputError(f"{line}; are the poses in metres?")
+        if rows * columns > MOST_CELLS:
+            raise InputError(
+                f"ray counts: returns {self.resolution_m * max(columns, rows):.0f} m apart need a map that "
+                "is too large; are the poses in metres?"
+            )
         around = ((below, above), (left, right))
         self.hits, self.passes = np.pad(self.hits, around), np.pad(self.passes, around)
         self.first_s = np.pad(self.first_s, around, constant_values=np.inf)
@@ -98,9 +100,7 @@ class RayCounts:
 
     def stays(self) -> npt.NDArray[np.bool_]:
         """(rows, columns) cells that hold what stays put, walls among them."""
-        if self.began_s is None or self.newest_s is None:
-            return np.zeros(self.hits.shape, np.bool_)
-        least_s = min(STAYS_S, STAYS_OF_ALL * (self.newest_s - self.began_s))
+        least_s = min(STAYS_S, STAYS_OF_ALL * (self.newest_s - (self.began_s or 0.0)))
         spans = self.last_s - self.first_s
         often = (self.shares() >= STAYS_SHARE) & (self.hits > SEEN_TWICE)
         return np.asarray(often & (spans >= least_s) & (spans > 0.0))
@@ -140,22 +140,19 @@ def unmapped(
         prior: the grid that is subtracted, uint8, 0 occupied.
     """
     cell_m, (x0, y0), began_s = prior_map.resolution, prior_map.origin, counts.began_s or 0.0
-    row, column = (
-        round((prior_map.origin[axis] - counts.origin[axis]) / counts.resolution_m) for axis in (1, 0)
-    )
+    column, row = (round((prior_map.origin[axis] - counts.origin[axis]) / cell_m) for axis in (0, 1))
     window = slice(row, row + prior_map.height), slice(column, column + prior_map.width)
     on_map = counts.stays()[window] & (prior.data == FREE)
-    patched = np.where(on_map, np.int8(100), prior_map.data)
     number, blobs = cv2.connectedComponents(dilated(on_map), connectivity=8)
-    hits, first_s, last_s = (part[window] for part in (counts.hits, counts.first_s, counts.last_s))
     things = []
     for blob in range(1, number):
-        cells = on_map & (blobs == blob)
-        rows, columns = np.nonzero(cells)
+        rows, columns = at = np.nonzero(on_map & (blobs == blob))
         low = x0 + float(columns.min()) * cell_m, y0 + float(rows.min()) * cell_m
         high = x0 + float(columns.max() + 1) * cell_m, y0 + float(rows.max() + 1) * cell_m
-        seen_s = began_s + float(first_s[cells].min()), began_s + float(last_s[cells].max())
-        things.append(Unmapped(*low, *high, len(rows), int(hits[cells].sum()), *seen_s))
+        hits, first_s, last_s = (part[window][at] for part in (counts.hits, counts.first_s, counts.last_s))
+        seen_s = began_s + float(first_s.min()), began_s + float(last_s.max())
+        things.append(Unmapped(*low, *high, len(rows), int(hits.sum()), *seen_s))
+    patched = np.where(on_map, np.int8(100), prior_map.data)
     return sorted(things, key=lambda thing: -thing.hits), prior_map.with_data(patched)
 
 

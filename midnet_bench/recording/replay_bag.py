@@ -14,8 +14,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.recording.files import ros_messages as ros
 from midnet_bench.recording.files.readings import NO_MOTION, NS
-from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
-from midnet_bench.recording.files.viewer_topics import write_frame, write_layout
+from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name, write_layout
 from midnet_bench.recording.files.writer import BagWriter, bag_writer, format_of
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import AT_ORIGIN, Link
@@ -23,25 +22,6 @@ from midnet_bench.recording.replay import ReplayFrame
 
 TOPICS = "/replay"  # what all topics are below: a recording beside it has none of these names
 FORGET_S = 1.0  # a track without a box for so long has ended
-
-
-class _Tracks:
-    """Boxes of one detector with the numbers of their tracks (``detectors/tracking.py``)."""
-
-    def __init__(self) -> None:
-        self._tracker, self._seen_s = Tracker(), dict[int, float]()
-
-    def marked(self, boxes: Sequence[Box], time_s: float) -> list[Marked]:
-        for number, seen_s in list(self._seen_s.items()):
-            if time_s - seen_s > FORGET_S:
-                self._tracker.drop(number)
-                del self._seen_s[number]
-        numbers = self._tracker.update([box.center for box in boxes], time_s)
-        self._seen_s |= dict.fromkeys(numbers, time_s)
-        return [
-            Marked(box, f"track_{number}", EXPLORERS[number % len(EXPLORERS)], str(number))
-            for number, box in zip(numbers, boxes, strict=True)
-        ]
 
 
 class ReplayBag:
@@ -53,7 +33,9 @@ class ReplayBag:
         """Of a replay that has not begun, by the detectors ``nodes`` of its presets."""
         self._bag, self._inputs, self._nodes = bag, inputs, nodes
         self._names = [ros_name(robot.name) for robot in inputs.robots]
-        self._tracks = {preset: _Tracks() for preset in nodes}
+        self._trackers = {preset: Tracker() for preset in nodes}
+        self._seen_s: dict[str, dict[int, float]] = {preset: {} for preset in nodes}
+        """preset -> number of a track -> when it had its last box"""
         self._last: dict[int, Scan] = {}
         self._record_ns = 0
         self._fixed: list[tuple[str, str, Pose2D]] = []
@@ -71,8 +53,8 @@ class ReplayBag:
         surveys, known = self._inputs.recorded.surveys, {MAP, ""}
         for number, robot in enumerate(self._inputs.robots):
             survey = surveys[robot.source]
-            chain = survey.chain(survey.streams[robot.scan_topic].scans[0].frame)
-            top, pairs = chain[-1], [(frame, child) for child, frame in itertools.pairwise(chain)]
+            *below, top = survey.chain(survey.streams[robot.scan_topic].scans[0].frame)
+            pairs = [(frame, child) for child, frame in itertools.pairwise([*below, top])]
             moving = next((link for link in robot.pose.links if isinstance(link, Link)), None)
             if top in known:
                 continue
@@ -82,9 +64,8 @@ class ReplayBag:
                 steps = [link for link in before if isinstance(link, Pose2D)]
                 self._fixed.append((MAP, top, reduce(Pose2D.compose, steps, AT_ORIGIN)))
             elif all(survey.is_fixed(*pair) for pair in pairs):
-                whole = NO_MOTION
-                for pair in pairs:
-                    whole = survey.fixed(*pair).then(whole)
+                links = (survey.fixed(*pair) for pair in pairs)
+                whole = reduce(lambda below, link: link.then(below), links, NO_MOTION)
                 self._carried[number] = top, Pose2D(whole.x, whole.y, whole.yaw)
             else:
                 note(f"--bag: the recording's own frames, below '{top}', are not placed on the map")
@@ -94,12 +75,10 @@ class ReplayBag:
         bag, is_first = self._bag, not self._record_ns
         self._record_ns = record_ns = max(self._record_ns, frame.record_ns, 1)
         if is_first:
-            placed = [
-                (f"replay/{name}", f"replay/{name}/laser", robot.mount)
-                for name, robot in zip(self._names, self._inputs.robots, strict=True)
-            ]
-            placed += self._fixed
-            bag.write("/tf_static", record_ns, ros.transforms(frame.time_ns, placed), is_kept=True)
+            robots = zip(self._names, self._inputs.robots, strict=True)
+            placed = [(f"replay/{name}", f"replay/{name}/laser", robot.mount) for name, robot in robots]
+            fixed = ros.transforms(frame.time_ns, [*placed, *self._fixed])
+            bag.write("/tf_static", record_ns, fixed, is_kept=True)
             prior_map = ros.occupancy_grid(frame.time_ns, self._inputs.prior_map)
             bag.write(f"{TOPICS}/map", record_ns, prior_map, is_kept=True)
         for one in frame.observed:
@@ -108,14 +87,27 @@ class ReplayBag:
                 self._write_scan(one.robot, one.scan)
         names = [self._names[one.robot] for one in frame.observed]
         for preset, made in frame.outputs.items():
-            node, boxes = self._nodes[preset], made.frame
+            node, boxes, topic = self._nodes[preset], made.frame, f"{TOPICS}/{preset}"
             if node.is_the_papers:
-                said = node.midnet.update(made.observations, explain=True, allies=frame.fresh_allies)
-                boxes = replace(boxes, explanation=said.explanation)
-            topic = f"{TOPICS}/{preset}"
-            write_frame(bag, record_ns, frame.time_ns, boxes, names, team=topic, each=topic)
-            tracks = self._tracks[preset].marked(boxes.detections, frame.time_ns / NS)
+                explained = node.midnet.update(made.observations, explain=True, allies=frame.fresh_allies)
+                boxes = replace(boxes, explanation=explained.explanation)
+            for name, message in ros.frame_messages(frame.time_ns, boxes, names, bag.ros, topic, topic):
+                bag.write(name, record_ns, message)
+            tracks = self._tracked(preset, boxes.detections, frame.time_ns / NS)
             bag.write(f"{topic}/tracks", record_ns, ros.markers(frame.time_ns, tracks))
+
+    def _tracked(self, preset: str, boxes: Sequence[Box], time_s: float) -> list[Marked]:
+        """The boxes with the numbers of their tracks (``detectors/tracking.py``)."""
+        tracker, seen_s = self._trackers[preset], self._seen_s[preset]
+        for number in [number for number, last_s in seen_s.items() if time_s - last_s > FORGET_S]:
+            tracker.drop(number)
+            del seen_s[number]
+        numbers = tracker.update([box.center for box in boxes], time_s)
+        seen_s |= dict.fromkeys(numbers, time_s)
+        return [
+            Marked(box, f"track_{number}", EXPLORERS[number % len(EXPLORERS)], str(number))
+            for number, box in zip(numbers, boxes, strict=True)
+        ]
 
     def _write_scan(self, robot: int, scan: Scan) -> None:
         name, record_ns, stamp_ns = self._names[robot], self._record_ns, round(scan.stamp_s * NS)

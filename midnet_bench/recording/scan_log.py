@@ -30,18 +30,12 @@ def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
             note(remark)
         robots = robots_of(recorded, setup)
         if len(robots) > 1:
-            raise InputError(
-                f"{path}: has {len(robots)} lasers ({', '.join(robot.name for robot in robots)[:100]}); "
-                "SLAM takes a recording of one"
-            )
+            names = ", ".join(robot.name for robot in robots)[:100]
+            raise InputError(f"{path}: has {len(robots)} lasers ({names}); SLAM takes a recording of one")
         note(f"{path}: scans {robots[0].topic}, poses {robots[0].pose.in_words}")
         nothing = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
-        scans = [
-            (one.scan, one.estimate.pose)
-            for frame in Replay(recorded, robots, nothing, {}, setup).frames()
-            for one in frame.observed
-            if one.scan is not None
-        ]
+        frames = Replay(recorded, robots, nothing, {}, setup).frames()
+        scans = [(one.scan, one.estimate.pose) for frame in frames for one in frame.observed if one.scan]
     if not scans:
         raise InputError(f"{path}: no scan of it has a pose; give a recording with odometry")
     lidar = scans[0][0].lidar

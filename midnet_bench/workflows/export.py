@@ -13,7 +13,7 @@ from midnet_bench.experiments.guarded.exporter import Exporter
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Box
-from midnet_bench.recording.files.viewer_topics import write_layout
+from midnet_bench.recording.files.ros_messages import write_layout
 from midnet_bench.recording.files.writer import bag_writer
 from midnet_bench.workflows.errors import narrowed
 from midnet_bench.workflows.render import Progress

@@ -12,7 +12,6 @@ from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.recording.files import ros_messages as ros
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
-from midnet_bench.recording.files.viewer_topics import write_frame
 from midnet_bench.recording.files.writer import BagWriter
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves
@@ -115,7 +114,8 @@ class Exporter:
         trial, bag, stamp_ns = self._trial, self._bag, self._now_ns
         for name, observation in zip(self._names, trial.observations(trial.detector), strict=True):
             bag.write(f"/{name}/costmap", stamp_ns, ros.occupancy_grid(stamp_ns, observation.costmap))
-        write_frame(bag, stamp_ns, stamp_ns, frame, self._names)
+        for topic, message in ros.frame_messages(stamp_ns, frame, self._names, bag.ros):
+            bag.write(topic, stamp_ns, message)
         self._write_truth(stamp_ns)
 
     def _write_truth(self, stamp_ns: int) -> None:

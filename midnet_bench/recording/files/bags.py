@@ -4,7 +4,6 @@ What a file is, its first bytes say. A ROS 2 folder is its data files; ``metadat
 """
 
 import re
-import stat
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path, PurePath
@@ -18,7 +17,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.checked_yaml import read_yaml
-from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
+from midnet_bench.recording.files.readings import KINDS, Reading, Topic, decoded
 from midnet_bench.recording.files.records import (
     MCAP_MAGIC,
     ROS1_MAGIC,
@@ -31,33 +30,29 @@ from midnet_bench.recording.files.records import (
 )
 from midnet_bench.recording.files.writer import types_of
 
-TF_TYPE = "tf2_msgs/msg/TFMessage"  # which tf's first version calls tf/tfMessage
 ROS1, MCAP, SQLITE, PACKED = ".bag", ".mcap", ".db3", ".zstd"
 MAGIC = {ROS1_MAGIC: ROS1, MCAP_MAGIC: MCAP, b"SQLite format 3": SQLITE, ZSTD_MAGIC: PACKED}
 """first bytes of a file -> the ending that it should have"""
+READERS: dict[str, Any] = {ROS1: Ros1Reader, MCAP: McapReader, SQLITE: Sqlite3Reader}
 
 
 def is_bag(path: Path) -> bool:
     """Whether a file is a bag by its first bytes or its ending, or a folder is one of ROS 2."""
     if path.is_dir():
-        return (path / "metadata.yaml").exists() or any(map(_kind, _in_folder(path)))
+        return (path / "metadata.yaml").exists() or any(map(_kind, path.iterdir()))
     return bool(_kind(path)) or path.suffix in MAGIC.values()
 
 
 def _kind(path: Path) -> str:
     """The ending that a file should have by its first bytes; empty if it is no bag."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
+        if not path.is_file():
             return ""
         with path.open("rb") as file:
             begins = file.read(16)
     except OSError:
         return ""
     return next((kind for magic, kind in MAGIC.items() if begins.startswith(magic)), "")
-
-
-def _in_folder(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if not path.is_dir() and path.name != "metadata.yaml")
 
 
 def _files(path: Path) -> list[Path]:
@@ -69,31 +64,24 @@ def _files(path: Path) -> list[Path]:
     Raises:
         InputError: one is a pipe, a socket or a device, which may never end; or there are none, or several.
     """
+    there = sorted(file for file in path.iterdir() if not file.is_dir()) if path.is_dir() else [path]
+    for file in there:
+        if file.exists() and not file.is_file():
+            raise InputError(f"{file}: is a pipe, a socket or a device; give an ordinary file")
     if not path.is_dir():
-        return [_ordinary(path)]
-    there = [_ordinary(file) for file in _in_folder(path)]
+        return there
     try:
-        said = read_yaml(_ordinary(path / "metadata.yaml"))["rosbag2_bagfile_information"]
-        named = [path / PurePath(name).name for name in said["relative_file_paths"]]
+        information = read_yaml(path / "metadata.yaml")["rosbag2_bagfile_information"]
+        named = [path / PurePath(name).name for name in information["relative_file_paths"]]
         if named and set(named) <= set(there):
             return named
     except (InputError, LookupError, TypeError, ValueError):
-        if (path / "metadata.yaml").exists():
-            _ordinary(path / "metadata.yaml")
+        pass  # the files themselves are what counts
     found = [file for file in there if _kind(file) in (MCAP, SQLITE, PACKED)]
     if len({re.sub(r"_\d+$", "", file.name.split(".")[0]) for file in found}) != 1:
         what = ", ".join(file.name for file in found) or "no data file of one"
         raise InputError(f"{path}: is the folder of no one ROS 2 bag: it holds {what[:120]}; give a file")
     return found
-
-
-def _ordinary(path: Path) -> Path:
-    try:
-        if stat.S_ISREG(path.stat().st_mode):
-            return path
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    raise InputError(f"{path}: is a pipe, a socket or a device; give an ordinary file")
 
 
 class Bag:
@@ -107,20 +95,25 @@ class Bag:
         self._stack = ExitStack()
         try:
             self._parts = [self._opened(file) for file in _files(path)]
-            first = self._parts[0]
-            self._is_ros1 = isinstance(first, Ros1Reader) or getattr(first, "is_ros1", False)
-            self.topics = self._topics()
-            spans = [span for part in self._parts if (span := _span(part)) is not None]
-            self.start_ns = min((start_ns for start_ns, _ in spans), default=0)
-            self.end_ns = max((end_ns for _, end_ns in spans), default=0)
-            self._parts.sort(key=lambda part: _span(part) or (0, 0))
+            spans = [_span(part) for part in self._parts if _span(part)]
         except Exception as error:  # whatever a library raises of a file that is no bag
             self.close()
             if isinstance(error, InputError):
                 raise
             what = "" if isinstance(error, TooLargeError) else "no bag that can be read: "
             raise InputError(f"{path}: {what}{in_words(error)}") from error
+        first = self._parts[0]
+        self._is_ros1 = isinstance(first, Ros1Reader) or getattr(first, "is_ros1", False)
         self._store = types_of(1 if self._is_ros1 else 2).store
+        self.start_ns = min((span[0] for span in spans), default=0)
+        self.end_ns = max((span[1] for span in spans), default=0)
+        found: dict[str, Topic] = {}
+        for one in (one for part in self._parts for one in part.connections):
+            known = found.get(one.topic, Topic(one.topic, one.msgtype, 0, ""))
+            kind = KINDS.get(one.msgtype, known.kind)
+            found[one.topic] = Topic(one.topic, one.msgtype, known.messages + one.msgcount, kind)
+        self.topics = dict(sorted(found.items()))
+        self._parts.sort(key=_span)
 
     def _opened(self, path: Path) -> Any:
         """A reader of a file. Raises TooLargeError: a chunk is too large by what the index says of it."""
@@ -134,7 +127,7 @@ class Bag:
         try:
             reader = READERS[kind](path)
             reader.open()
-            if isinstance(reader, McapReader) and _span(reader) and not reader.chunks:
+            if kind == MCAP and _span(reader) and not reader.chunks:
                 reader.close()
                 raise ValueError("rosbags reads messages without an index only in the order of their times")
         except TooLargeError:
@@ -145,21 +138,12 @@ class Bag:
             self.remarks.append(f"{path}: its index is missing; its records are read in their order")
             return Unindexed(path)
         self._stack.callback(reader.close)
-        if isinstance(reader, Ros1Reader):
+        if kind == ROS1:
             check_size(max((chunk.datasize for chunk in reader.chunks.values()), default=0))
-        for chunk in reader.chunks if isinstance(reader, McapReader) else ():
-            check_size(max(chunk.compressed_size, chunk.uncompressed_size))
+        elif kind == MCAP:
+            sizes = ((chunk.compressed_size, chunk.uncompressed_size) for chunk in reader.chunks)
+            check_size(max(map(max, sizes), default=0))
         return reader
-
-    def _topics(self) -> dict[str, Topic]:
-        found: dict[str, Topic] = {}
-        for connection in (one for part in self._parts for one in part.connections):
-            kind = KINDS.get(connection.msgtype, "")
-            known = found.get(connection.topic)
-            count = connection.msgcount + (known.messages if known else 0)
-            kind = kind or (known.kind if known else "")
-            found[connection.topic] = Topic(connection.topic, connection.msgtype, count, kind)
-        return dict(sorted(found.items()))
 
     def readings(
         self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
@@ -167,22 +151,15 @@ class Bag:
         """See :class:`Source`."""
         decode = self._store.deserialize_ros1 if self._is_ros1 else self._store.deserialize_cdr
         record_ns = self.start_ns
-        messages = (
-            message
-            for part in self._parts
-            if (wanted := [one for one in part.connections if one.topic in topics and one.msgtype in KINDS])
-            for message in part.messages(wanted, start_ns, stop_ns)
-        )
         try:
-            for connection, record_ns, raw in messages:
-                topic = self.topics[connection.topic]
-                if topic.type != connection.msgtype:  # two types on one topic
-                    topic = topic._replace(type=connection.msgtype, kind=KINDS[connection.msgtype])
-                known = TF_TYPE if topic.kind == TF else connection.msgtype
-                # each message may be packed by itself; one that is not begins with its encoding
-                is_packed = not self._is_ros1 and raw.startswith(ZSTD_MAGIC)
-                message = decode(unpacked("zstd", raw) if is_packed else raw, known)
-                yield from decoded(topic, record_ns, message)
+            for part in self._parts:
+                wanted = [one for one in part.connections if one.topic in topics and one.msgtype in KINDS]
+                for connection, record_ns, raw in part.messages(wanted, start_ns, stop_ns) if wanted else ():
+                    # each message may be packed by itself; one that is not begins with its encoding
+                    is_packed = not self._is_ros1 and raw.startswith(ZSTD_MAGIC)
+                    kind = connection.msgtype.replace("tf/msg/tfMessage", "tf2_msgs/msg/TFMessage")
+                    message = decode(unpacked("zstd", raw) if is_packed else raw, kind)
+                    yield from decoded(connection.topic, kind, record_ns, message)
         except TooLargeError as error:
             raise InputError(f"{self.path}: {error}") from error
         except Exception as error:  # whatever decoders raise of damaged bytes
@@ -197,13 +174,10 @@ class Bag:
         self._stack.close()
 
 
-READERS: dict[str, Any] = {ROS1: Ros1Reader, MCAP: McapReader, SQLITE: Sqlite3Reader}
-
-
-def _span(part: Any) -> tuple[int, int] | None:
-    """First record time and the instant after the last one, ns; None of a file without messages."""
+def _span(part: Any) -> tuple[int, int]:
+    """First record time and the instant after the last one, ns; zeros of a file without messages."""
     if not any(connection.msgcount for connection in part.connections):
-        return None
+        return 0, 0
     times = getattr(part, "metadata", part)
     return int(times.start_time), int(times.end_time)
 

@@ -17,15 +17,14 @@ Meaning = Literal["clears", "nothing"]
 MEANINGS: dict[str, Meaning] = {"clears": "clears", "nothing": "nothing", "invalid": "nothing"}
 """what key ``no_return`` may say of a code; an invalid reading says nothing"""
 
-CODES = ("inf", "nan", "zero", "below", "above")
-"""above: at or beyond the largest range; below: from 0 to the least range; zero: 0 or less, -inf too"""
-_WORDS = {
+CODES = {
     "inf": "inf",
     "nan": "nan",
     "zero": "0 or less",
     "below": "below range_min",
     "above": "range_max or more",
 }
+"""code -> which readings have it, the first that fits; -inf is ``zero``"""
 LEAST_SHARE = 0.002
 """of all beams: what is rarer is a fault of a reading, and not how the driver says that nothing came back"""
 SAME_VALUE = 0.9
@@ -44,31 +43,26 @@ class NoReturn(NamedTuple):
     def cleaned(self, scan: ScanReading) -> Floats:
         """(beams,) the ranges, metres: inf where nothing came back, nan where the reading says nothing."""
         kinds = _kinds(scan, self.range_max_m)
-        said = np.array([math.inf if self.meaning[code] == "clears" else math.nan for code in CODES])
-        return np.where(kinds < 0, scan.ranges_m, said[kinds])
+        cleaned = np.array([math.inf if self.meaning[code] == "clears" else math.nan for code in CODES])
+        return np.where(kinds < 0, scan.ranges_m, cleaned[kinds])
 
     @property
     def in_words(self) -> str:
-        """``no return: inf 12.3 % (clears), nan 0.1 % (says nothing)``."""
-        said = {"clears": "clears", "nothing": "says nothing"}
+        """``inf 12.3 % (clears), nan 0.1 % (says nothing)``."""
+        meanings = {"clears": "clears", "nothing": "says nothing"}
         parts = [
-            f"{_WORDS[code]} {share:.1%} ({said[self.meaning[code]]})"
+            f"{CODES[code]} {share:.1%} ({meanings[self.meaning[code]]})"
             for code, share in self.shares.items()
             if share > 0.0
         ]
-        return ", ".join(parts) if parts else "none"
+        return ", ".join(parts) or "none"
 
 
 def _kinds(scan: ScanReading, range_max_m: float) -> npt.NDArray[np.int64]:
     """(beams,) the place in ``CODES`` of each reading, -1 for a range."""
     ranges, most_m = scan.ranges_m, min(range_max_m, scan.range_max_m)
-    is_code = (
-        ranges == math.inf,
-        np.isnan(ranges),
-        ranges <= 0.0,
-        ranges < scan.range_min_m,
-        ranges >= most_m,
-    )
+    is_zero, is_below, is_above = ranges <= 0.0, ranges < scan.range_min_m, ranges >= most_m
+    is_code = (ranges == math.inf, np.isnan(ranges), is_zero, is_below, is_above)
     return np.select(is_code, range(len(CODES)), -1)
 
 
@@ -79,34 +73,24 @@ def found_in(scans: Sequence[ScanReading], given: Mapping[str, Meaning]) -> NoRe
     0 and one number below the least range is the code, if it is not rare. All else says nothing.
 
     Args:
-        scans: of one topic, at least one with a beam.
+        scans: of one topic.
         given: meanings of codes by the user, which count.
     """
-    highest_m = _ceiling(scans)
-    kinds = np.concatenate([np.empty(0), *(_kinds(scan, highest_m) for scan in scans)])
     ranges = np.concatenate([np.empty(0), *(scan.ranges_m for scan in scans)])
-    shares = {code: int(np.count_nonzero(kinds == k)) / max(len(kinds), 1) for k, code in enumerate(CODES)}
-    meaning: dict[str, Meaning] = dict.fromkeys(CODES, "nothing")
-    meaning["inf"] = meaning["above"] = "clears"
-    candidates = {"nan": shares["nan"], "zero": shares["zero"]}
-    near = ranges[kinds == CODES.index("below")]
-    if len(near) and np.unique(near, return_counts=True)[1].max() >= SAME_VALUE * len(near):
-        candidates["below"] = shares["below"]
-    if max(shares["inf"], shares["above"]) < LEAST_SHARE:
-        code, share = max(candidates.items(), key=lambda one: one[1])
-        if share >= LEAST_SHARE:
-            meaning[code] = "clears"
-    return NoReturn(shares, {**meaning, **given}, highest_m)
-
-
-def _ceiling(scans: Sequence[ScanReading]) -> float:
-    """The largest range that these scans have, or the largest reading if many have exactly that one."""
     range_max_m = max((scan.range_max_m for scan in scans), default=math.inf)
-    ranges = np.concatenate([scan.ranges_m for scan in scans]) if scans else np.empty(0)
     finite = ranges[np.isfinite(ranges)]
-    if not len(finite):
-        return range_max_m
-    largest_m = float(finite.max())
+    largest_m = float(finite.max(initial=-math.inf))
     piled = np.count_nonzero(finite >= largest_m - 1e-6)
-    is_code = largest_m < range_max_m and piled >= max(PILED_SHARE * len(ranges), 10)
-    return largest_m if is_code else range_max_m
+    if largest_m < range_max_m and piled >= max(PILED_SHARE * len(ranges), 10):
+        range_max_m = largest_m
+    kinds = np.concatenate([np.empty(0), *(_kinds(scan, range_max_m) for scan in scans)])
+    shares = {code: int(np.count_nonzero(kinds == k)) / max(len(kinds), 1) for k, code in enumerate(CODES)}
+    meaning: dict[str, Meaning] = {**dict.fromkeys(CODES, "nothing"), "inf": "clears", "above": "clears"}
+    candidates = ["nan", "zero"]
+    _, counts = np.unique(ranges[kinds == list(CODES).index("below")], return_counts=True)
+    if counts.max(initial=0) >= SAME_VALUE * max(counts.sum(), 1):
+        candidates.append("below")
+    code = max(candidates, key=shares.__getitem__)
+    if max(shares["inf"], shares["above"]) < LEAST_SHARE <= shares[code]:
+        meaning[code] = "clears"
+    return NoReturn(shares, {**meaning, **given}, range_max_m)

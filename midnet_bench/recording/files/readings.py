@@ -67,7 +67,7 @@ class Transform(NamedTuple):
     @property
     def is_pose(self) -> bool:
         """Whether its numbers are finite, it lies within ``FARTHEST_M``, and the quaternion has a length."""
-        is_near = max(abs(self.x), abs(self.y), abs(self.z)) <= FARTHEST_M
+        is_near = max(map(abs, self[:3])) <= FARTHEST_M
         return is_near and all(map(math.isfinite, self)) and 1e-6 < self._squared < 1e6
 
     @property
@@ -77,9 +77,8 @@ class Transform(NamedTuple):
 
     def normalized(self) -> "Transform":
         """The same with a quaternion of length 1."""
-        x, y, z, *turn = self
         length = math.sqrt(self._squared)
-        return Transform(x, y, z, *(part / length for part in turn))
+        return Transform(*self[:3], *(part / length for part in self[3:]))
 
     def then(self, other: "Transform") -> "Transform":
         """First ``other``, then this: the frame that ``other`` places in this one's."""
@@ -116,7 +115,6 @@ class GridReading(NamedTuple):
 
     topic: str
     record_ns: int
-    stamp_ns: int
     cells: npt.NDArray[np.int8]  # (rows, columns), row 0 at the lowest y
     resolution_m: float
     origin: Transform
@@ -201,33 +199,33 @@ KINDS = {
     "std_msgs/msg/String": TEXT,
     "std_msgs/msg/Float64MultiArray": EXACT,
 }
-"""message type -> kind of reading; all other types are passed over"""
+"""message type -> kind of reading; all other types are left out"""
 
 
-def decoded(topic: Topic, record_ns: int, message: Any) -> Iterator[Reading]:
+def decoded(topic: str, message_type: str, record_ns: int, message: Any) -> Iterator[Reading]:
     """The readings in one message of ROS: one, or of tf as many as there are transforms."""
-    of = (topic.name, record_ns)
-    if topic.kind == SCAN:
+    of, kind = (topic, record_ns), KINDS[message_type]
+    if kind == SCAN:
         angles = float(message.angle_min), float(message.angle_increment)
         limits = float(message.range_min), float(message.range_max)
         ranges_m = np.asarray(message.ranges, dtype=np.float64)
         yield ScanReading(*of, *_stamped(message), ranges_m, *angles, *limits, float(message.time_increment))
-    elif topic.kind == TF or topic.type == "geometry_msgs/msg/TransformStamped":
-        for one in message.transforms if topic.kind == TF else [message]:
+    elif kind == TF or message_type.endswith("/TransformStamped"):
+        for one in message.transforms if kind == TF else [message]:
             placed = _transform(one.transform.translation, one.transform.rotation)
-            yield PoseReading(*of, *_stamped(one), plain_frame(one.child_frame_id), placed)
-    elif topic.kind == POSE:
-        pose = message.pose if topic.type.endswith("/PoseStamped") else message.pose.pose
-        child = plain_frame(getattr(message, "child_frame_id", ""))
+            yield PoseReading(*of, *_stamped(one), _plain(one.child_frame_id), placed)
+    elif kind == POSE:
+        pose = message.pose if message_type.endswith("/PoseStamped") else message.pose.pose
+        child = _plain(getattr(message, "child_frame_id", ""))
         yield PoseReading(*of, *_stamped(message), child, _transform(pose.position, pose.orientation))
-    elif topic.kind == GRID:
-        info, (stamp_ns, _) = message.info, _stamped(message)
+    elif kind == GRID:
+        info = message.info
         cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
         origin = _transform(info.origin.position, info.origin.orientation)
-        yield GridReading(*of, stamp_ns, cells, float(info.resolution), origin)
-    elif topic.kind == TEXT:
+        yield GridReading(*of, cells, float(info.resolution), origin)
+    elif kind == TEXT:
         yield TextReading(*of, str(message.data))
-    elif topic.kind == EXACT:
+    else:
         yield ExactReading(*of, np.asarray(message.data, dtype=np.float64))
 
 
@@ -238,9 +236,9 @@ def _transform(at: Any, turn: Any) -> Transform:
 def _stamped(message: Any) -> tuple[int, str]:
     """A header's stamp, nanoseconds, and its frame."""
     stamp = message.header.stamp
-    return int(stamp.sec) * NS + int(stamp.nanosec), plain_frame(message.header.frame_id)
+    return int(stamp.sec) * NS + int(stamp.nanosec), _plain(message.header.frame_id)
 
 
-def plain_frame(name: str) -> str:
-    """Without the leading stroke of tf's first version."""
-    return name.removeprefix("/")
+def _plain(frame: str) -> str:
+    """Without the leading slash of tf's first version."""
+    return frame.removeprefix("/")

@@ -5,13 +5,16 @@ import io
 import os
 import struct
 import sys
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import storage_mcap
+from rosbags.typesys.msg import normalize_msgtype
 
 from midnet_bench.errors import InputError
 
@@ -24,7 +27,7 @@ MOST_BYTES = 150_000_000  # of a chunk or a message; recorders make chunks of on
 MOST_TIMES = 100
 """a file that is packed as a whole may grow to so many times its size; scans shrink to a fifth"""
 STEP_BYTES = 1 << 20
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+ROS1_MAGIC, MCAP_MAGIC, ZSTD_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"
 
 _UNPACKERS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
@@ -37,21 +40,29 @@ class TooLargeError(Exception):
     """More than may be held in memory."""
 
 
-def unpacked(kind: str, packed: bytes, most_bytes: int = MOST_BYTES, is_cut: bool = False) -> bytes:
-    """What was packed by bz2, lz4 or zstd, in one frame or several; of data that ``is_cut`` what is there.
+def check_size(size: int) -> None:
+    """Raises TooLargeError: a chunk or message of so many bytes is not to be held."""
+    if size > MOST_BYTES:
+        raise TooLargeError(
+            f"a chunk holds more than {MOST_BYTES / 1e6:.0f} MB; record in smaller chunks, or filter the bag"
+        )
+
+
+def unpacked(kind: str, packed: bytes, size: int = 0, *, is_cut: bool = False) -> bytes:
+    """What bz2, lz4 or zstd packed, in one frame or several; of data that ``is_cut`` what is there.
+
+    ``size``: what the bag says of the result, which rosbags compares.
 
     Raises:
-        TooLargeError: it is more than ``most_bytes`` or than a chunk may be.
+        TooLargeError: it is more than a chunk may be.
         Exception: what the library raises of damaged data.
     """
-    most_bytes = min(most_bytes, MOST_BYTES)
     parts: list[bytes] = []
     size, unpacker = 0, _UNPACKERS[kind]()
     while packed or not unpacker.needs_input:
-        part = unpacker.decompress(packed, STEP_BYTES)
-        size += len(part)
-        check_size(size, most_bytes)
-        parts.append(part)
+        parts.append(unpacker.decompress(packed, STEP_BYTES))
+        size += len(parts[-1])
+        check_size(size)
         packed = b""
         if unpacker.eof:
             packed = unpacker.unused_data or b""
@@ -63,20 +74,16 @@ def unpacked(kind: str, packed: bytes, most_bytes: int = MOST_BYTES, is_cut: boo
     raise EOFError("a chunk is cut off")
 
 
-def check_size(size: int, most_bytes: int = MOST_BYTES) -> None:
-    """Raises TooLargeError: so many bytes of one chunk are not to be held."""
-    if size > most_bytes:
-        raise TooLargeError(
-            f"a chunk holds more than {most_bytes / 1e6:.0f} MB; record in smaller chunks, or filter the bag"
-        )
+# rosbags unpacks whatever a chunk says, 11 GB of 17 kB: its tables of unpackers get bounded ones
+for _kind in _UNPACKERS:
+    rosbag1.decompressors[_kind] = storage_mcap.DECOMPRESSORS[_kind] = partial(unpacked, _kind)
 
 
 def unpack_file(path: Path, into: Path) -> None:
-    """Unpack a file that was packed as a whole by zstd.
+    """Unpack a file that zstd packed as a whole.
 
     Raises:
         InputError: it is damaged, or grows to more than ``MOST_TIMES`` its size.
-        OSError: it cannot be read, or there is no room.
     """
     size, most_bytes = 0, max(MOST_TIMES * path.stat().st_size, MOST_BYTES)
     try:
@@ -84,174 +91,138 @@ def unpack_file(path: Path, into: Path) -> None:
             while part := whole.read(STEP_BYTES):
                 size += file.write(part)
                 if size > most_bytes:
-                    raise InputError(
-                        f"{path}: unpacks to more than {most_bytes / 1e6:.0f} MB; 'zstd -d' unpacks it"
-                    )
+                    most = f"more than {most_bytes / 1e6:.0f} MB"
+                    raise InputError(f"{path}: unpacks to {most}; 'zstd -d' unpacks it")
     except (EOFError, zstd.ZstdError) as error:
         raise InputError(f"{path}: damaged: {error}; 'zstd -t' tests it, copy it again") from error
 
 
-# rosbags unpacks whatever a chunk says, 11 GB of 17 kB: its tables of unpackers get bounded ones
-rosbag1.decompressors.update(
-    {kind: lambda packed, kind=kind: unpacked(kind, packed) for kind in ("bz2", "lz4")}  # type: ignore[misc]
-)
-storage_mcap.DECOMPRESSORS.update(
-    {
-        kind: lambda packed, size, kind=kind: unpacked(kind, packed, size)  # type: ignore[misc]
-        for kind in ("lz4", "zstd")
-    }
-)
-
-ROS1_MAGIC, MCAP_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n"
-MESSAGE, CHUNK, CONNECTION = 2, 5, 7
-"""kinds of records of ROS 1, as https://wiki.ros.org/Bags/Format/2.0 numbers them"""
-MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK, MCAP_END = 3, 4, 5, 6, 15
-"""of MCAP, as https://mcap.dev/spec numbers them; what follows the end of the data is the index"""
-_NUMBER, _RECORD = struct.Struct("<I"), struct.Struct("<BQ")
-
-RawMessage = tuple[int, int, bytes]  # number of the connection, record time in ns, message
-
-
 class Connection(NamedTuple):
-    """A connection, as rosbags has it."""
+    """A topic and the type of its messages, as rosbags has them."""
 
     topic: str
     msgtype: str
     msgcount: int = 0
 
 
+RawMessage = tuple[Connection, int, bytes]  # its connection, record time in ns, message
+
+
 class Unindexed:
     """As much of rosbags' readers as is needed here; every pass reads the file from its beginning."""
 
     def __init__(self, path: Path) -> None:
-        """Look through it. Raises ValueError: it is no bag, or no message of it can be read."""
+        """Look through it. Raises Exception: it is no bag, or no message of it can be read."""
         self._path = path
         self.is_ros1 = True
         """whether its messages are those of ROS 1, as tools that convert bags leave them in MCAP too"""
-        counts: dict[Connection, int] = {}
+        counts = Counter[Connection]()
         self.start_time, self.end_time = 1 << 63, 0
         try:
             for connection, time_ns, _ in self._messages():
-                counts[connection] = counts.get(connection, 0) + 1
+                counts[connection] += 1
                 self.start_time = min(self.start_time, time_ns)
                 self.end_time = max(self.end_time, time_ns + 1)
-        except (ValueError, LookupError, OSError, EOFError, ArithmeticError, struct.error, RuntimeError):
-            if not counts:  # what came before the damage counts
+        except Exception as error:  # of damage: what came before it counts
+            if not counts or isinstance(error, TooLargeError):
                 raise
         if not counts:
             raise ValueError("it holds no message")
-        self._counted = {one: one._replace(msgcount=count) for one, count in counts.items()}
-        self.connections = list(self._counted.values())
-        """those of which a message can be read"""
+        self.connections = [one._replace(msgcount=count) for one, count in counts.items()]
 
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[Connection, int, bytes]]:
-        """(connection, record time in ns, message) in the file's order, up to an error at the damage."""
-        for one, time_ns, raw in self._messages():
-            connection = self._counted.get(one)
-            if connection is None or connection not in connections:
-                continue
-            if (start is None or time_ns >= start) and (stop is None or time_ns < stop):
+    ) -> Iterator[RawMessage]:
+        """The messages of these connections in the file's order, up to an error at the damage."""
+        wanted = {one[:2] for one in connections}
+        for connection, time_ns, raw in self._messages():
+            is_in_time = (start is None or time_ns >= start) and (stop is None or time_ns < stop)
+            if is_in_time and connection[:2] in wanted:
                 yield connection, time_ns, raw
 
-    def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
-        known: dict[int, Connection] = {}
-        with open(self._path, "rb") as file:
-            size, begins = os.fstat(file.fileno()).st_size, file.read(len(ROS1_MAGIC))
-            if begins == ROS1_MAGIC:
-                file.readline(100)
-                messages = _of_ros1(file, size, known)
-            elif begins.startswith(MCAP_MAGIC):
+    def _messages(self) -> Iterator[RawMessage]:
+        with self._path.open("rb") as file:
+            begins = file.readline(100)
+            if begins.startswith(ROS1_MAGIC):
+                yield from _of_ros1(file)
+            elif begins.startswith(MCAP_MAGIC[:7]):
                 file.seek(len(MCAP_MAGIC))
-                messages = self._of_mcap(file, size, known)
+                yield from self._of_mcap(file)
             else:
                 raise ValueError("it does not begin as such a bag does")
-            for number, time_ns, raw in messages:
-                if number in known:
-                    yield known[number], time_ns, raw
 
-    def _of_mcap(self, file: BinaryIO, size: int, known: dict[int, Connection]) -> Iterator[RawMessage]:
-        """Channels in another encoding than its first one's are passed over."""
+    def _of_mcap(self, file: BinaryIO) -> Iterator[RawMessage]:
+        """Channels in another encoding than the first one's are left out."""
         types: dict[int, str] = {}
-        for kind, record in _mcap_records(file, size):
-            if kind == MCAP_MESSAGE:
-                number, _, time_ns = struct.unpack_from("<HIQ", record)
-                yield number, time_ns, record[22:]
-                continue
+        known: dict[int, Connection] = {}
+        for kind, record in _mcap_records(file):
             (number,), said = struct.unpack_from("<H", record), io.BytesIO(record[2:])
-            if kind == MCAP_SCHEMA:
-                types[number] = _block(said).decode()
-                continue
-            (schema,) = struct.unpack("<H", _exactly(said, 2))
-            topic, encoding = _block(said).decode(), _block(said)
-            if encoding in (b"cdr", b"ros1") and schema in types:
-                self.is_ros1 = self.is_ros1 if known else encoding == b"ros1"
-                if self.is_ros1 == (encoding == b"ros1"):
-                    package, _, name = types[schema].rpartition("/")
-                    known[number] = Connection(topic, f"{package.removesuffix('/msg')}/msg/{name}")
+            if kind == MCAP_MESSAGE and number in known:
+                yield known[number], struct.unpack_from("<Q", record, 6)[0], record[22:]
+            elif kind == MCAP_SCHEMA:
+                types[number] = normalize_msgtype(_block(said).decode())
+            elif kind == MCAP_CHANNEL:
+                (schema,) = struct.unpack("<H", _exactly(said, 2))
+                topic, encoding = _block(said).decode(), _block(said)
+                if encoding in (b"cdr", b"ros1") and schema in types:
+                    self.is_ros1 = self.is_ros1 if known else encoding == b"ros1"
+                    if self.is_ros1 == (encoding == b"ros1"):
+                        known[number] = Connection(topic, types[schema])
 
 
-def _of_ros1(file: BinaryIO, size: int, known: dict[int, Connection]) -> Iterator[RawMessage]:
-    """The messages of a bag of ROS 1; ``known`` gets its connections, with names as rosbags writes them."""
-    for header, data in _ros1_records(file, size):
-        number = _NUMBER.unpack(header["conn"])[0]
-        if header["op"][0] == CONNECTION:
-            topic = header["topic"].decode()
-            plain = "/" * topic.startswith("/") + "/".join(filter(None, topic.split("/")))
-            package, _, name = _fields(data)["type"].decode().rpartition("/")
-            known[number] = Connection(plain, f"{package}/msg/{name}")
-        else:
-            seconds, nanoseconds = struct.unpack("<II", header["time"])
-            yield number, seconds * 10**9 + nanoseconds, data
+MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK, MCAP_END = 3, 4, 5, 6, 15
+"""kinds of records, as https://mcap.dev/spec numbers them; what follows the end of the data is the index"""
 
 
-def _ros1_records(
-    file: BinaryIO, size: int, in_chunk: bool = False
-) -> Iterator[tuple[dict[str, bytes], bytes]]:
-    """Header and data of each connection and message, those of a chunk in its place."""
-    while file.tell() < size:
-        header, length = _fields(_block(file)), _number(file)
-        kind = header["op"][0]
-        if kind == CHUNK and not in_chunk:
-            check_size(length)
-            packing, packed = header["compression"].decode(), file.read(length)
-            # of a chunk that is cut off a part is good too
-            whole = packed if packing == "none" else unpacked(packing, packed, is_cut=True)
-            yield from _ros1_records(io.BytesIO(whole), len(whole), in_chunk=True)
-            if len(packed) < length:
-                raise EOFError("a chunk is cut off")
-        elif kind == CONNECTION or (kind == MESSAGE and in_chunk):
-            yield header, _exactly(file, length)
-        else:
-            file.seek(length, os.SEEK_CUR)
-
-
-def _mcap_records(file: BinaryIO, size: int, in_chunk: bool = False) -> Iterator[tuple[int, bytes]]:
+def _mcap_records(file: BinaryIO, in_chunk: bool = False) -> Iterator[tuple[int, bytes]]:
     """Kind and content of each schema, channel and message, those of a chunk in its place."""
-    while file.tell() < size:
-        kind, length = _RECORD.unpack(_exactly(file, _RECORD.size))
-        if kind == MCAP_END:
-            return
+    while (kind := int.from_bytes(file.read(1))) not in (0, MCAP_END):
+        (length,) = struct.unpack("<Q", _exactly(file, 8))
         if kind == MCAP_CHUNK and not in_chunk:
             check_size(length)
             record = file.read(length)
-            (whole_size,), packing = struct.unpack_from("<Q", record, 16), _block(io.BytesIO(record[28:]))
-            check_size(whole_size)
+            (size,), packing = struct.unpack_from("<Q", record, 16), _block(io.BytesIO(record[28:]))
+            check_size(size)
             whole = record[28 + 4 + len(packing) + 8 :]
             if packing:  # of a chunk that is cut off a part is good too
-                whole = unpacked(packing.decode(), whole, whole_size, is_cut=True)
-            yield from _mcap_records(io.BytesIO(whole), len(whole), in_chunk=True)
+                whole = unpacked(packing.decode(), whole, is_cut=True)
+            yield from _mcap_records(io.BytesIO(whole), in_chunk=True)
             if len(record) < length:
                 raise EOFError("a chunk is cut off")
         elif kind in (MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE):
             yield kind, _exactly(file, length)
         else:
-            file.seek(min(length, size), os.SEEK_CUR)
+            file.seek(min(length, 1 << 48), os.SEEK_CUR)
 
 
-def _number(file: BinaryIO) -> int:
-    return int(_NUMBER.unpack(_exactly(file, 4))[0])
+def _of_ros1(file: BinaryIO, known: dict[int, Connection] | None = None) -> Iterator[RawMessage]:
+    """The messages of ROS 1, those of a chunk in its place, where connections are ``known`` from before."""
+    in_chunk, known = known is not None, {} if known is None else known
+    while begins := file.read(4):
+        header = _ros1_header(_exactly(file, int.from_bytes(begins, "little")))
+        kind, length = header.get_uint8("op"), rosbag1.read_uint32(file)
+        if kind == rosbag1.RecordType.CHUNK and not in_chunk:
+            check_size(length)
+            packing, packed = header.get_string("compression"), file.read(length)
+            # of a chunk that is cut off a part is good too
+            whole = packed if packing == "none" else unpacked(packing, packed, is_cut=True)
+            yield from _of_ros1(io.BytesIO(whole), known)
+            if len(packed) < length:
+                raise EOFError("a chunk is cut off")
+        elif kind == rosbag1.RecordType.CONNECTION:
+            topic = rosbag1.normalize(header.get_string("topic"))
+            message_type = _ros1_header(_exactly(file, length)).get_string("type")
+            known[header.get_uint32("conn")] = Connection(topic, normalize_msgtype(message_type))
+        elif kind == rosbag1.RecordType.MSGDATA and in_chunk:
+            number, data = header.get_uint32("conn"), _exactly(file, length)
+            if number in known:
+                yield known[number], header.get_time("time"), data
+        else:
+            file.seek(length, os.SEEK_CUR)
+
+
+def _ros1_header(data: bytes) -> rosbag1.Header:
+    return rosbag1.Header.read(io.BytesIO(len(data).to_bytes(4, "little") + data))
 
 
 def _exactly(file: BinaryIO, size: int) -> bytes:
@@ -264,14 +235,4 @@ def _exactly(file: BinaryIO, size: int) -> bytes:
 
 def _block(file: BinaryIO) -> bytes:
     """A length, and as many bytes."""
-    return _exactly(file, _number(file))
-
-
-def _fields(data: bytes) -> dict[str, bytes]:
-    """A record's header by name."""
-    found, at = dict[str, bytes](), 0
-    while at < len(data):
-        end = at + 4 + _NUMBER.unpack_from(data, at)[0]
-        name, _, value = data[at + 4 : end].partition(b"=")
-        found[name.decode()], at = value, end
-    return found
+    return _exactly(file, int.from_bytes(_exactly(file, 4), "little"))

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -121,62 +121,41 @@ def survey(source: Source, from_ns: int = -EVER_NS, to_ns: int = EVER_NS) -> Sur
         InputError: it is damaged wherever it was looked at.
     """
     found = Survey(source, {name: Stream(topic) for name, topic in source.topics.items()}, {})
-    wanted = {name for name, topic in source.topics.items() if topic.kind in (SCAN, POSE, TF)}
-    whole = {
-        name
-        for name, topic in source.topics.items()
-        if topic.kind == TEXT or (name in wanted and topic.messages <= MOST_SCANS)
-    }
     windows = _windows(source, max(from_ns, source.start_ns), min(to_ns, source.end_ns))
-    if windows == [(None, None)]:
-        whole |= wanted
-    _sample(found, whole)
-    for start_ns, stop_ns in windows if wanted - whole else ():
-        _sample(found, wanted - whole, start_ns, stop_ns)
-    tf = {name for name in wanted - whole if source.topics[name].kind == TF}
+    wanted = {name for name, topic in source.topics.items() if topic.kind in (SCAN, POSE, TF, TEXT)}
+    large = {
+        name
+        for name in wanted
+        if windows and source.topics[name].kind != TEXT and source.topics[name].messages > MOST_SCANS
+    }
+    _sample(found, wanted - large)
+    for start_ns, stop_ns in windows if large else ():
+        _sample(found, large, start_ns, stop_ns)
+    tf = {name for name in large if source.topics[name].kind == TF}
     if tf and len(found.roots()) > 1:
         _sample(found, tf, is_sparse=True)
-    if found.fault and not any(stream.scans or stream.poses for stream in found.streams.values()):
+    if found.fault and not any(stream.seen for stream in found.streams.values()):
         raise InputError(found.fault)
     for stream in found.streams.values():
         stream.scans = [scan for scan in stream.scans if from_ns <= scan.record_ns <= to_ns]
     _split_by_frame(found)
     for stream in found.streams.values():
-        times = [scan.stamp_ns for scan in stream.scans]
-        if stream.stamps_stand_still:
-            times = [scan.record_ns for scan in stream.scans]
-        if len(times) > 1:
-            stream.period_ns = int(np.median(np.diff(np.array(times))))
+        clock = "record_ns" if stream.stamps_stand_still else "stamp_ns"
+        if len(stream.scans) > 1:
+            stream.period_ns = int(np.median(np.diff([getattr(scan, clock) for scan in stream.scans])))
         stream.scans = spread(stream.scans, MOST_SCANS)
     return found
 
 
-def _split_by_frame(survey: Survey) -> None:
-    """Make a stream ``TOPIC@FRAME`` of each frame where scans of several lasers are on one topic."""
-    streams: dict[str, Stream] = {}
-    for name, stream in survey.streams.items():
-        frames = Counter(scan.frame for scan in stream.scans).most_common()
-        parts = {f"{name}@{frame}": Stream(stream.topic) for frame, _ in frames}
-        for scan in stream.scans:
-            parts[f"{name}@{scan.frame}"].scans.append(scan)
-        clocks_s = [float(np.median(part.lags_s)) for part in parts.values()]
-        if len(parts) > 1:
-            apart_s = max(clocks_s) - min(clocks_s)
-            clocks = f", whose clocks are {apart_s:.6g} s apart" if apart_s > SAME_CLOCK_S else ""
-            survey.remarks.append(
-                f"{name}: scans of {len(parts)} lasers{clocks}: {', '.join(parts)}; to take some alone set "
-                f"'scan: {next(iter(parts))}' in setup.yaml"
-            )
-            for part, (_, count) in zip(parts.values(), frames, strict=True):
-                share = round(stream.topic.messages * count / len(stream.scans))
-                part.topic = stream.topic._replace(messages=share)
-        for key, part in (parts if len(parts) > 1 else {name: stream}).items():
-            if len(part.scans) > 1 and float(np.ptp(part.lags_s)) > SAME_CLOCK_S:
-                survey.remarks.append(
-                    f"{key}: stamps of two clocks; 'clock: record' in setup.yaml takes the record times"
-                )
-            streams[key] = part
-    survey.streams = streams
+def _windows(source: Source, from_ns: int, to_ns: int) -> list[tuple[int, int]]:
+    """The stretches of a long recording that are looked at; none of a short one."""
+    if source.end_ns - source.start_ns <= WHOLE_S * NS:
+        return []
+    if to_ns - from_ns <= WHOLE_S * NS:
+        return [(from_ns, to_ns + 1)]
+    length_ns = round(WINDOW_S * NS)
+    starts = np.linspace(from_ns, to_ns - length_ns, WINDOWS)
+    return [(int(start), int(start) + length_ns) for start in starts]
 
 
 def _sample(
@@ -190,31 +169,53 @@ def _sample(
     known = set(survey.transforms) if is_sparse else set()
     try:
         for reading in survey.source.readings(topics, start_ns, stop_ns):
+            stream = survey.streams[reading.topic]
             if isinstance(reading, ScanReading):
-                survey.streams[reading.topic].scans.append(reading)
+                stream.scans.append(reading)
             elif isinstance(reading, TextReading):
-                survey.streams[reading.topic].texts.append(reading.text)
-            elif isinstance(reading, PoseReading):
-                if survey.source.topics[reading.topic].kind != TF:
-                    survey.streams[reading.topic].poses.append(reading)
-                elif (pair := (reading.frame, reading.child)) not in known and reading.transform.is_pose:
-                    readings = survey.transforms.setdefault(pair, [])
-                    readings.append(reading)
-                    if is_sparse and len(readings) > 2 * MOST_SCANS:
-                        del readings[1::2]
-                    survey.streams[reading.topic].poses += [reading] * (not is_sparse)
+                stream.texts.append(reading.text)
+            elif isinstance(reading, PoseReading) and stream.topic.kind != TF:
+                stream.poses.append(reading)
+            elif isinstance(reading, PoseReading) and reading.transform.is_pose:
+                pair = reading.frame, reading.child
+                if pair in known:
+                    continue
+                seen = survey.transforms.setdefault(pair, [])
+                seen.append(reading)
+                if not is_sparse:
+                    stream.poses.append(reading)
+                elif len(seen) > 2 * MOST_SCANS:
+                    del seen[1::2]
     except InputError as error:
         survey.fault = survey.fault or str(error)
 
 
-def _windows(source: Source, from_ns: int, to_ns: int) -> Sequence[tuple[int | None, int | None]]:
-    if source.end_ns - source.start_ns <= WHOLE_S * NS:
-        return [(None, None)]
-    if to_ns - from_ns <= WHOLE_S * NS:
-        return [(from_ns, to_ns + 1)]
-    length_ns = round(WINDOW_S * NS)
-    starts = np.linspace(from_ns, to_ns - length_ns, WINDOWS)
-    return [(int(start), int(start) + length_ns) for start in starts]
+def _split_by_frame(survey: Survey) -> None:
+    """Make a stream ``TOPIC@FRAME`` of each frame where scans of several lasers are on one topic."""
+    streams: dict[str, Stream] = {}
+    for name, stream in survey.streams.items():
+        counts = Counter(scan.frame for scan in stream.scans)
+        if len(counts) > 1:
+            parts = {}
+            for frame, count in counts.most_common():
+                share = round(stream.topic.messages * count / counts.total())
+                scans = [scan for scan in stream.scans if scan.frame == frame]
+                parts[f"{name}@{frame}"] = Stream(stream.topic._replace(messages=share), scans)
+            apart_s = float(np.ptp([np.median(part.lags_s) for part in parts.values()]))
+            clocks = f", whose clocks are {apart_s:.6g} s apart" if apart_s > SAME_CLOCK_S else ""
+            survey.remarks.append(
+                f"{name}: scans of {len(parts)} lasers{clocks}: {', '.join(parts)}; to take some alone set "
+                f"'scan: {next(iter(parts))}' in setup.yaml"
+            )
+        else:
+            parts = {name: stream}
+        for key, part in parts.items():
+            if len(part.scans) > 1 and float(np.ptp(part.lags_s)) > SAME_CLOCK_S:
+                survey.remarks.append(
+                    f"{key}: stamps of two clocks; 'clock: record' in setup.yaml takes the record times"
+                )
+        streams |= parts
+    survey.streams = streams
 
 
 def spread(items: Sequence[T], most: int) -> list[T]:
@@ -226,31 +227,29 @@ def spread(items: Sequence[T], most: int) -> list[T]:
 
 def listing(survey: Survey) -> list[dict[str, str]]:
     """A row for each topic: type, rate, and a summary of its readings."""
-    duration_s = survey.duration_s
-    rows = []
-    for name, stream in survey.streams.items():
-        of, messages = stream.topic.type, stream.topic.messages
-        rate = f"{messages / duration_s:.1f}" if duration_s > 0.0 else ""
-        row = {"topic": name, "type": of, "messages": str(messages), "rate_hz": rate, "what": _what(stream)}
-        rows.append(row)
-    return rows
+    return [
+        {
+            "topic": name,
+            "type": stream.topic.type,
+            "messages": str(stream.topic.messages),
+            "rate_hz": f"{stream.topic.messages / survey.duration_s:.1f}" if survey.duration_s > 0.0 else "",
+            "what": "; ".join(_summary(stream)),
+        }
+        for name, stream in survey.streams.items()
+    ]
 
 
-def _what(stream: Stream) -> str:
-    parts = []
+def _summary(stream: Stream) -> Iterator[str]:
     if stream.scans:
-        beams = sorted({len(scan.ranges_m) for scan in stream.scans})
+        beams = " or ".join(map(str, sorted({len(scan.ranges_m) for scan in stream.scans})))
         scan = stream.scans[0]
         sweep_deg = math.degrees(abs(scan.angle_increment_rad) * max(len(scan.ranges_m) - 1, 0))
-        limits = f"{scan.range_min_m:g} to {scan.range_max_m:g} m"
-        parts.append(f"{' or '.join(map(str, beams))} beams over {sweep_deg:.0f} deg, {limits}")
-        parts.append(f"no return: {found_in(stream.scans, {}).in_words}")
-    lags_s = stream.lags_s
-    if len(lags_s) and stream.topic.type != "text":
-        parts.append(lag_in_words(lags_s))
+        yield f"{beams} beams over {sweep_deg:.0f} deg, {scan.range_min_m:g} to {scan.range_max_m:g} m"
+        yield f"no return: {found_in(stream.scans, {}).in_words}"
+    if stream.seen and stream.topic.type != "text":
+        yield lag_in_words(stream.lags_s)
     if stream.stamps_stand_still:
-        parts.append("its stamps stand still: use 'clock: record' in setup.yaml")
-    return "; ".join(parts)
+        yield "its stamps stand still: use 'clock: record' in setup.yaml"
 
 
 def lag_in_words(lags_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:

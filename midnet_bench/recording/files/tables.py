@@ -1,8 +1,10 @@
 """Recordings as text: tables of scans and poses (CSV), and CARMEN logs with their corrected poses."""
 
 import csv
+import itertools
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,20 +38,13 @@ class Table:
     """One text file, all of it in memory: the topics ``scan`` and ``pose``, of a log also ``odometry``."""
 
     def __init__(
-        self, path: Path, readings: list[Reading], remarks: list[str], mount: Pose2D | None = None
+        self, path: Path, readings: list[Reading], remarks: Sequence[str] = (), mount: Pose2D | None = None
     ) -> None:
         """``readings`` in order of time; ``remarks`` and ``mount``: see :class:`Source`."""
-        self.path = str(path)
-        self.mount = mount
-        self.remarks = remarks
+        self.path, self.remarks, self.mount = str(path), list(remarks), mount
         self._readings = readings
-        self.topics: dict[str, Topic] = {}
-        for reading in readings:
-            known = self.topics.get(reading.topic)
-            kind = SCAN if isinstance(reading, ScanReading) else POSE
-            self.topics[reading.topic] = Topic(
-                reading.topic, "text", known.messages + 1 if known else 1, kind
-            )
+        counts = Counter((one.topic, SCAN if isinstance(one, ScanReading) else POSE) for one in readings)
+        self.topics = {topic: Topic(topic, "text", count, kind) for (topic, kind), count in counts.items()}
         self.start_ns = readings[0].record_ns if readings else 0
         self.end_ns = readings[-1].record_ns if readings else 0
 
@@ -62,10 +57,10 @@ class Table:
         self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Reading]:
         """See :class:`Source`."""
-        for reading in self._readings:
-            after_start = start_ns is None or reading.record_ns >= start_ns
-            if reading.topic in topics and after_start and (stop_ns is None or reading.record_ns < stop_ns):
-                yield reading
+        for one in self._readings:
+            is_after_start = start_ns is None or one.record_ns >= start_ns
+            if one.topic in topics and is_after_start and (stop_ns is None or one.record_ns < stop_ns):
+                yield one
 
     def close(self) -> None:
         """See :class:`Source`."""
@@ -87,7 +82,7 @@ def read_text(path: Path) -> Table:
 
 
 def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """``file:line`` and the cells by column of each line below the heading; comments are passed over.
+    """``file:line`` and the cells by column of each line below the heading; comments are left out.
 
     Cells that a line lacks at its end are empty. Raises InputError: there is no line, or one is too long.
     """
@@ -99,15 +94,13 @@ def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]
     if not numbered:
         raise InputError(f"{path}: the table is empty; give a heading and rows below it")
     try:
-        rows = list(csv.reader(line for _, line in numbered))
+        rows = [[cell.strip() for cell in row] for row in csv.reader(line for _, line in numbered)]
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read as a table with commas: {error}") from error
-    names = [name.strip() for name in rows[0]]
     for (number, _), row in zip(numbered[1:], rows[1:], strict=True):
-        if len(row) > len(names):
-            raise InputError(f"{path}:{number}: {len(row)} cells below a heading of {len(names)}")
-        cells = [cell.strip() for cell in row] + [""] * (len(names) - len(row))
-        yield f"{path}:{number}", dict(zip(names, cells, strict=True))
+        if len(row) > len(rows[0]):
+            raise InputError(f"{path}:{number}: {len(row)} cells below a heading of {len(rows[0])}")
+        yield f"{path}:{number}", dict(itertools.zip_longest(rows[0], row, fillvalue=""))
 
 
 def number_in(cells: dict[str, str], name: str, where: str, finite: bool = True) -> float:
@@ -125,12 +118,6 @@ def time_in(cells: dict[str, str], where: str) -> int:
     return round(time_s * NS)
 
 
-def planar(x: float, y: float, yaw: float) -> Transform:
-    """A pose in the plane; one that is none where a number is not finite."""
-    half = yaw / 2.0 if math.isfinite(yaw) else math.nan
-    return Transform(x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-
-
 def _of_csv(path: Path, lines: list[str]) -> Table:
     found: list[Reading] = []
     for where, cells in rows_of(path, lines):
@@ -141,64 +128,60 @@ def _of_csv(path: Path, lines: list[str]) -> Table:
             )
         time_ns = time_in(cells, where)
         if "x" in cells:  # poses may be nan: the reader of poses says so
-            x, y, yaw = (number_in(cells, name, where, finite=False) for name in POSE_COLUMNS[1:])
-            found.append(PoseReading("pose", time_ns, time_ns, "map", "", planar(x, y, yaw)))
+            pose = (number_in(cells, name, where, finite=False) for name in POSE_COLUMNS[1:])
+            found.append(_pose("pose", time_ns, "map", *pose))
         if FIRST_RANGE in cells:
-            first, step, least, most = (number_in(cells, name, where) for name in SCAN_COLUMNS[1:])
+            geometry = tuple(number_in(cells, name, where) for name in SCAN_COLUMNS[1:])
             ranges: list[float] = []
             while cells.get(name := f"r{len(ranges)}"):
                 ranges.append(number_in(cells, name, where, finite=False))
-            numbers = np.array(ranges, dtype=np.float64)
-            found.append(_scan(time_ns, numbers, first, step, least, most))
-    return Table(path, found, [])
+            found.append(_scan(time_ns, np.array(ranges, dtype=np.float64), geometry))
+    return Table(path, found)
 
 
 def _of_tum(path: Path, lines: list[str]) -> Table:
     found: list[Reading] = []
     for number, line in enumerate(lines, start=1):
-        words = line.split("#")[0].split()
-        if not words:
-            continue
-        where = f"{path}:{number}"
-        if len(words) != len(TUM_COLUMNS):
-            raise InputError(
-                f"{where}: {len(words)} words; a pose has {len(TUM_COLUMNS)}: {' '.join(TUM_COLUMNS)}"
-            )
-        cells = dict(zip(TUM_COLUMNS, words, strict=True))
-        time_ns = time_in(cells, where)
-        numbers = [number_in(cells, name, where, finite=False) for name in TUM_COLUMNS[1:]]
-        found.append(PoseReading("pose", time_ns, time_ns, "map", "", Transform(*numbers)))
-    return Table(path, found, [])
+        where, words = f"{path}:{number}", line.split("#")[0].split()
+        if words and len(words) != len(TUM_COLUMNS):
+            columns = " ".join(TUM_COLUMNS)
+            raise InputError(f"{where}: {len(words)} words; a pose has {len(TUM_COLUMNS)}: {columns}")
+        if words:
+            cells = dict(zip(TUM_COLUMNS, words, strict=True))
+            placed = Transform(*(number_in(cells, name, where, finite=False) for name in TUM_COLUMNS[1:]))
+            time_ns = time_in(cells, where)
+            found.append(PoseReading("pose", time_ns, time_ns, "map", "", placed))
+    return Table(path, found)
 
 
 def _of_log(path: Path, log: ScanLog) -> Table:
     """A log's scans, its odometry, and its corrected poses if it has any: of the laser, not of the robot."""
-    stamps_s = np.array([scan.stamp_s for scan in log])
-    fault = clock_fault(stamps_s)
-    remarks = list(log.warnings)
-    times = [round(float(stamp) * NS) for stamp in stamps_s]
-    if fault is not None:
-        remarks.append(
-            f"{path}: scan {fault[0] + 1}: {fault[1]}; the order of the scans serves as their time"
-        )
+    remarks, fault = log.warnings, clock_fault(np.array([scan.stamp_s for scan in log]))
+    if fault is None:
+        times = [round(scan.stamp_s * NS) for scan in log]
+    else:
         times = [k * STEP_NS for k in range(len(log))]
+        order = "the order of the scans serves as their time"
+        remarks.append(f"{path}: scan {fault[0] + 1}: {fault[1]}; {order}")
     lidar, is_corrected = log.geometry, log.is_corrected
-    limits = (lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
+    geometry = (lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
     found: list[Reading] = []
     for scan, time_ns in zip(log, times, strict=True):
-        found.append(_pose("odometry", time_ns, "odom", scan.odometry))
+        found.append(_pose("odometry", time_ns, "odom", *scan.odometry))
         if scan.corrected is not None and is_corrected:
-            found.append(_pose("pose", time_ns, "map", scan.corrected))
-        found.append(_scan(time_ns, scan.ranges_m, *limits))
+            found.append(_pose("pose", time_ns, "map", *scan.corrected))
+        found.append(_scan(time_ns, scan.ranges_m, geometry))
     return Table(path, found, remarks, None if is_corrected else lidar.mount)
 
 
-def _scan(
-    time_ns: int, ranges_m: Floats, first: float, step: float, least: float, most: float
-) -> ScanReading:
-    """Angles in radians, limits in metres."""
+def _scan(time_ns: int, ranges_m: Floats, geometry: tuple[float, ...]) -> ScanReading:
+    """``geometry``: first angle, step, radians; least and largest range, metres."""
+    first, step, least, most = geometry
     return ScanReading("scan", time_ns, time_ns, "laser", ranges_m, first, step, least, most, 0.0)
 
 
-def _pose(topic: str, time_ns: int, frame: str, pose: Pose2D) -> PoseReading:
-    return PoseReading(topic, time_ns, time_ns, frame, "", planar(*pose))
+def _pose(topic: str, time_ns: int, frame: str, x: float, y: float, yaw: float) -> PoseReading:
+    """A pose in the plane; one that is none where a number is not finite."""
+    half = yaw / 2.0 if math.isfinite(yaw) else math.nan
+    placed = Transform(x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+    return PoseReading(topic, time_ns, time_ns, frame, "", placed)

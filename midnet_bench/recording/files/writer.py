@@ -2,8 +2,8 @@
 
 import contextlib
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
-from functools import cache, partial
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -34,32 +34,30 @@ ENDINGS = {"mcap": ".mcap", "ros2": "", "ros1": ".bag"}
 QUATERNION = "geometry_msgs/msg/Quaternion"
 TIME = "builtin_interfaces/msg/Time"
 
-_ROS_1_TYPES = {
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "vision_msgs/msg/ObjectHypothesisWithPose": (
-        "int64 id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "vision_msgs/msg/BoundingBox2D": "geometry_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
-    "vision_msgs/msg/Detection2D": (
-        "Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nsensor_msgs/Image source_img"
-    ),
-    "vision_msgs/msg/Detection2DArray": "Header header\nDetection2D[] detections",
+_HYPOTHESIS = "geometry_msgs/PoseWithCovariance pose"
+_VISION_MSGS = {
+    1: {  # 0.0.1 of Noetic
+        "ObjectHypothesisWithPose": f"int64 id\nfloat64 score\n{_HYPOTHESIS}",
+        "BoundingBox2D": "geometry_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+        "Detection2D": (
+            "Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\n"
+            "sensor_msgs/Image source_img"
+        ),
+        "Detection2DArray": "Header header\nDetection2D[] detections",
+    },
+    2: {  # 4, since Humble
+        "Point2D": "float64 x\nfloat64 y",
+        "Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+        "ObjectHypothesis": "string class_id\nfloat64 score",
+        "ObjectHypothesisWithPose": f"ObjectHypothesis hypothesis\n{_HYPOTHESIS}",
+        "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+        "Detection2D": (
+            "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nstring id"
+        ),
+        "Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
+    },
 }
-"""what rosbags does not know: vision_msgs 0.0.1 of Noetic"""
-_ROS_2_TYPES = {
-    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
-    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
-    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/msg/ObjectHypothesisWithPose": (
-        "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
-    "vision_msgs/msg/Detection2D": (
-        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nstring id"
-    ),
-    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
-}
-"""vision_msgs 4, since Humble"""
+"""what rosbags does not know, for ROS 1 and ROS 2"""
 
 
 def format_of(path: Path) -> str:
@@ -101,60 +99,46 @@ class Types:
     def __init__(self, ros: Literal[1, 2]) -> None:
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
         found: dict[str, Any] = {}
-        for name, definition in (_ROS_1_TYPES if ros == 1 else _ROS_2_TYPES).items():
-            found |= get_types_from_msg(definition, name)
+        for name, definition in _VISION_MSGS[ros].items():
+            found |= get_types_from_msg(definition, f"vision_msgs/msg/{name}")
+        if ros == 1:
+            transforms = "geometry_msgs/TransformStamped[] transforms"
+            found |= get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage")
         self.store.register(found)
-        self._fields: dict[str, dict[str, _Maker]] = {}
-        self._empty: dict[str, dict[str, Any]] = {}
-        """of each type, its fields where nothing is given; no message is changed, so all share them"""
+        self._empty: dict[str, Any] = {}
 
     def made(self, kind: str, fields: Any) -> Any:
         """A message of that type from its :data:`Fields`, a time from its nanoseconds."""
+        message_type = self.store.types[kind]
         if kind == TIME and not isinstance(fields, Mapping):
-            return self.store.types[kind](*divmod(fields, NS))
-        if kind not in self._fields:
-            described = self.store.fielddefs[kind][1]
-            self._fields[kind] = {name: self._maker(said) for name, said in described}
-            self._empty[kind] = {name: self._nothing(said) for name, said in described}
-            if kind == QUATERNION:
-                self._empty[kind]["w"] = 1.0
-        makers = self._fields[kind]
-        given = {name: makers[name](value) for name, value in fields.items()}
-        return self.store.types[kind](**{**self._empty[kind], **given})
+            return message_type(*divmod(fields, NS))
+        if not fields:  # no message is changed, so all share the one where nothing is given
+            if kind not in self._empty:
+                self._empty[kind] = self._filled(kind, {"w": 1.0} if kind == QUATERNION else {})
+            return self._empty[kind]
+        return self._filled(kind, fields)
 
-    def _maker(self, described: Any) -> "_Maker":
-        """What makes a field of what is given for it; ``described``: as rosbags has it."""
-        node, what = described
-        if node == Nodetype.BASE:
-            return _as_it_is
-        if node == Nodetype.NAME:
-            return partial(self.made, what)
-        each = self._maker(what[0])
-        return _as_it_is if each is _as_it_is else lambda values: [each(value) for value in values]
+    def _filled(self, kind: str, fields: Mapping[str, Any]) -> Any:
+        described = self.store.fielddefs[kind][1]
+        return self.store.types[kind](**{name: self._field(of, fields.get(name)) for name, of in described})
 
-    def _nothing(self, described: Any) -> Any:
+    def _field(self, described: Any, value: Any) -> Any:
+        """What a field holds for a value, or for None; ``described``: as rosbags has it."""
         node, what = described
-        if node == Nodetype.BASE:
-            return {"string": "", "bool": False}.get(what[0], 0)
         if node == Nodetype.NAME:
-            return self.made(what, {})
+            return self.made(what, {} if value is None else value)
+        if node == Nodetype.BASE:
+            return {"string": "", "bool": False}.get(what[0], 0) if value is None else value
         (of, name), length = what
         if of == Nodetype.BASE and name[0] != "string":
-            return np.zeros(length if node == Nodetype.ARRAY else 0, name[0])
-        return []
+            return np.zeros(length if node == Nodetype.ARRAY else 0, name[0]) if value is None else value
+        return [self._field(what[0], each) for each in value or ()]
 
 
 @cache
 def types_of(ros: Literal[1, 2]) -> Types:
     """The same for all bags: rosbags writes and compiles an encoder of each type."""
     return Types(ros)
-
-
-_Maker = Callable[[Any], Any]
-
-
-def _as_it_is(value: Any) -> Any:
-    return value
 
 
 class BagWriter:
