@@ -13,6 +13,7 @@ import pytest
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
+from midnet_bench.recording import live, poses
 from midnet_bench.recording.files.ros_messages import transforms
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import Detected, LiveNode, LiveOptions
@@ -188,13 +189,20 @@ def test_clocks_of_frames_that_lead_to_no_laser_silence_nobody(said: list[Said],
     assert heard(LiveNode(chosen, None), chosen, mixed) == in_order(said)
 
 
-def test_a_node_that_waits_takes_no_more_memory(said: list[Said]) -> None:
+def test_a_node_that_waits_takes_no_more_memory(said: list[Said], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of poses of wheels, of frames that come and go, and of scans before a map is there."""
+    for module, name, small in (
+        (live, "KEPT", 20),
+        (live, "MOST_FRAMES", 100),
+        (live, "WAITED_NS", NS),
+        (poses, "FORGET_EVERY", 5),
+    ):
+        monkeypatch.setattr(module, name, small)
     node, held = LiveNode(options(pose_by_tf=True), None), []
     scan = next(one.message for one in said if one.topic == "/guard_1/scan")
     short = replace(scan, ranges=scan.ranges[:2], angle_increment=scan.angle_max - scan.angle_min)
     tracemalloc.start()
-    for number in range(36_000):
+    for number in range(1_200):
         stamp_ns = number * NS // 20
         stamp = replace(scan.header.stamp, sec=stamp_ns // NS, nanosec=stamp_ns % NS)
         scan = replace(short, header=replace(short.header, stamp=stamp))
@@ -202,7 +210,7 @@ def test_a_node_that_waits_takes_no_more_memory(said: list[Said]) -> None:
         other = SimpleNamespace(header=scan.header, child_frame_id=f"frame_{number}", transform=STILL)
         node.hear("/tf", SimpleNamespace(transforms=[wheel, other]), stamp_ns / NS)
         node.hear("/guard_1/scan", scan, stamp_ns / NS)
-        if number in (18_000, 35_999):
+        if number in (600, 1_199):
             held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert held[1] < 1.05 * held[0]

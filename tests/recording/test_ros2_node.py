@@ -133,8 +133,9 @@ def corners(boxes: list[tuple[float, ...]]) -> list[list[float]]:
 
 
 @needs_dds
+@pytest.mark.slow
 def test_frames_over_dds_are_those_of_replay(tmp_path: Path) -> None:
-    sound = drive(tmp_path, 40)
+    sound = drive(40)
     wanted = frames_of(sound)
     assert len(wanted) == 39
     assert sum(map(len, wanted.values())) > 39
@@ -149,7 +150,7 @@ def test_frames_over_dds_are_those_of_replay(tmp_path: Path) -> None:
 @needs_dds
 @pytest.mark.slow
 def test_1000_malformed_messages_over_dds_change_no_frame(tmp_path: Path) -> None:
-    sound = drive(tmp_path, 200)
+    sound = drive(200)
     mixed = list(with_malformed(sound, 1800))
     renamed = {"/guard_1/scan": "/front/scan"}
     sent, found = played(
