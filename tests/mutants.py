@@ -57,7 +57,7 @@ MUTANTS = [
         "simulation/fleet.py",
         "STUCK_AFTER_S = 5.0",
         "STUCK_AFTER_S = 8.0",
-        "simulation/test_simulation_standstill.py::test_a_stand_counts_from_five_seconds_on",
+        "simulation/test_simulation_fleet.py::test_a_stand_counts_from_five_seconds_on",
         compiled=False,
     ),
     Mutant(

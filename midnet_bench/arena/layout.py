@@ -53,18 +53,11 @@ class Layout:
 def place(
     arena: Arena, seed: int, robots: int, mobile_intruders: int | None = None, reach_m: float = 0.0
 ) -> Layout:
-    """The arena as ``seed`` draws it for a team of ``robots``.
+    """The arena as ``seed`` draws it for a team of ``robots`` whose bodies reach so far from their axles.
 
     Stationary and mobile intruders do not depend on the team's size (up to five), and the first k
     mobile ones are the same whatever their number: cells of a campaign meet the same worlds
-    (common random numbers, item 71).
-
-    Args:
-        arena: the place.
-        seed: the trial's seed.
-        robots: how many security robots, at least 1.
-        mobile_intruders: how many; the arena's own number when None.
-        reach_m: how far the robots' bodies reach from their axles.
+    (common random numbers, item 71). ``mobile_intruders``: the arena's own number when None.
 
     Raises:
         InputError: a count is out of range, or there is no room.
@@ -79,7 +72,12 @@ def place(
     sizes = {*range(1, TEAM + 1), robots}
     all_starts = _points([pose for size in sizes for pose in robot_starts(arena, size)])
     stationary = arena.placed_solids() + _draw_stationary(arena, seed, all_starts)
-    _check_robot_starts(arena, starts, arena.wall_solids() + stationary, max(ROBOT_CLEARANCE_M, reach_m))
+    points, solids = _points(starts), arena.wall_solids() + stationary
+    if min(float(one.distance_to(points).min()) for one in solids) < max(ROBOT_CLEARANCE_M, reach_m):
+        raise InputError(
+            f"arena '{arena.name}': robots: {robots} starts {arena.robots.spacing_m:g} m apart "
+            f"do not fit about {arena.robots.center_m}; move center_m, lower spacing_m or take fewer robots"
+        )
     mobile = _draw_mobile(arena, seed, wanted, stationary, all_starts)
     others = _place_others(arena, seed, stationary, all_starts)
     return Layout(arena, seed, stationary, starts, mobile, others)
@@ -111,17 +109,6 @@ def _check_reach(arena: Arena, robots: int, intruders: int, reach_m: float) -> N
                 f"arena '{arena.name}': {key}: {given_m:g} m is too little for robots that reach "
                 f"{reach_m:.2f} m from their axles; {needed_m:.2f} m is needed"
             )
-
-
-def _check_robot_starts(
-    arena: Arena, starts: tuple[Pose2D, ...], solids: tuple[Solid, ...], clearance_m: float
-) -> None:
-    points = _points(starts)
-    if min(float(solid.distance_to(points).min()) for solid in solids) < clearance_m:
-        raise InputError(
-            f"arena '{arena.name}': robots: {len(starts)} starts {arena.robots.spacing_m:g} m apart "
-            f"do not fit about {arena.robots.center_m}; move center_m, lower spacing_m or take fewer robots"
-        )
 
 
 def _draw_stationary(arena: Arena, seed: int, starts: npt.NDArray[np.float64]) -> tuple[Solid, ...]:

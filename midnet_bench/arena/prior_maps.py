@@ -49,10 +49,6 @@ def resampled(grid: OccupancyGrid, resolution_m: float) -> OccupancyGrid:
     an unknown cell, or with what lies beyond the map; else what the costliest of its cells is. Walls grow by
     less than a cell on each side. A map of that resolution stays as it is.
 
-    Args:
-        grid: the map, -1 unknown, 0 to 100; occupied from 65 on.
-        resolution_m: side of a cell, above 0.
-
     Raises:
         InputError: it would have more cells than a map may.
     """

@@ -1,6 +1,7 @@
 """``RobotModel``: what a robot is, said once for its navigation, simulation and pictures; those by name."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,36 +53,34 @@ class RobotModel:
 
     def __post_init__(self) -> None:
         """Raises InputError: a line that names the robot and the measure that cannot be."""
-        measures = [one.name for one in fields(self) if one.type is float]
-        for measure in measures:
+        for measure, what in self._faults():
+            raise InputError(f"robot '{self.name}': {measure}: {what}")
+
+    def _faults(self) -> Iterator[tuple[str, str]]:
+        """What cannot be, each with its measure; what comes later takes for granted what was asked before."""
+        for measure in (one.name for one in fields(self) if one.type is float):
             value = getattr(self, measure)
             if measure != "base_link_height_m" and not 0.0 < value < math.inf:
-                raise self._wrong(measure, f"{value!r} is no finite number above 0")
+                yield measure, f"{value!r} is no finite number above 0"
         for outline in ("body", "footprint"):
             turns = _turns(getattr(self, outline))
             if len(turns) < 3 or not all(map(math.isfinite, turns)):
-                raise self._wrong(outline, "three corners (x, y) or more are needed, in metres")
+                yield outline, "three corners (x, y) or more are needed, in metres"
         if not (all(turn > 0.0 for turn in turns) or all(turn < 0.0 for turn in turns)):
-            raise self._wrong("footprint", "its corners must go once around the base frame's origin")
+            yield "footprint", "its corners must go once around the base frame's origin"
         if not all(_is_inside(corner, self.footprint) for corner in self.body):
-            raise self._wrong("footprint", "the body reaches out of it")
+            yield "footprint", "the body reaches out of it"
         if not 0.0 < self.seen.radius_m <= 2.0 * self.footprint_reach_m:
-            raise self._wrong("seen", f"a disc of {self.seen.radius_m!r} m is not of this robot")
-        self._check_lidar()
-
-    def _check_lidar(self) -> None:
+            yield "seen", f"a disc of {self.seen.radius_m!r} m is not of this robot"
         lidar = self.lidar
         if not (lidar.beams >= 1 and 0.0 < abs(lidar.angle_increment_rad) * lidar.beams < 6.2832):
-            raise self._wrong("lidar", "its beams must spread over a full turn or less")
+            yield "lidar", "its beams must spread over a full turn or less"
         if not 0.0 <= lidar.range_min_m < lidar.range_max_m < math.inf:
-            raise self._wrong("lidar", "range_min_m must be below range_max_m, neither below 0")
+            yield "lidar", "range_min_m must be below range_max_m, neither below 0"
         if self.lidar_height_m >= LOWEST_SOLID_M:
-            raise self._wrong("lidar_height_m", f"what stands in an arena may end at {LOWEST_SOLID_M} m")
+            yield "lidar_height_m", f"what stands in an arena may end at {LOWEST_SOLID_M} m"
         if lidar.mount.y or not _is_inside(lidar.mount[:2], self.footprint):
-            raise self._wrong("lidar", "it must be mounted above the footprint, on the middle line (y = 0)")
-
-    def _wrong(self, measure: str, what: str) -> InputError:
-        return InputError(f"robot '{self.name}': {measure}: {what}")
+            yield "lidar", "it must be mounted above the footprint, on the middle line (y = 0)"
 
     def disc(self, profile: str) -> Disc:
         """What its own kind's beams meet of it, by the option ``robot_profile``."""
@@ -109,10 +108,9 @@ class RobotModel:
     @property
     def diameter_m(self) -> float:
         """Of the circle about its length and width, in metres and whole millimetres: di of item 27."""
-        if self.size_m is not None:
-            return round(math.hypot(*self.size_m), 3)
         xs, ys = zip(*self.body, strict=True)
-        return round(math.hypot(max(xs) - min(xs), max(ys) - min(ys)), 3)
+        length_m, width_m = self.size_m or (max(xs) - min(xs), max(ys) - min(ys))
+        return round(math.hypot(length_m, width_m), 3)
 
     @property
     def footprint_reach_m(self) -> float:
@@ -130,8 +128,7 @@ def _turns(outline: Outline) -> list[float]:
 
 def _is_inside(point: tuple[float, float], convex: Outline) -> bool:
     """Whether a point is in a convex polygon or on its edge."""
-    moved = tuple((x - point[0], y - point[1]) for x, y in convex)
-    turns = _turns(moved)
+    turns = _turns(tuple((x - point[0], y - point[1]) for x, y in convex))
     return min(turns) >= -1e-12 or max(turns) <= 1e-12
 
 

@@ -16,6 +16,9 @@ def network(settings: NetworkSettings, senders: int = 1, seed: int = 1) -> Lossy
 
 
 def test_a_delay_by_hand() -> None:
+    at_once = network(NetworkSettings())
+    at_once.send(0, 7, 0.1)
+    assert at_once.latest(0, 0.1) == Message(0.1, 7)
     link = network(NetworkSettings(delay_s=0.3))
     for number, time_s in enumerate((0.1, 0.2, 0.3)):
         link.send(0, number, time_s)
@@ -109,11 +112,3 @@ def test_a_higher_loss_loses_the_same_messages_and_more(seed: int, loss: float) 
                 found.add(message.payload)
         heard.append(found)
     assert heard[0] <= heard[1]
-
-
-@given(st.integers(0, 100), st.lists(st.integers(0, 3), min_size=1, max_size=30))
-def test_without_delay_and_loss_the_last_message_is_there_at_once(seed: int, numbers: list[int]) -> None:
-    link = network(NetworkSettings(), seed=seed)
-    for place, number in enumerate(numbers):
-        link.send(0, number, 0.1 * place)
-        assert link.latest(0, 0.1 * place) == Message(0.1 * place, number)

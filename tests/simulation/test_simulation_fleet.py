@@ -1,3 +1,5 @@
+"""What the fleet counts of each robot: its way, walls that it went through, and the time that it stood."""
+
 import math
 
 import numpy as np
@@ -7,7 +9,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.geometry import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.fleet import HealthTracker, crossed_wall, surfaces
+from midnet_bench.simulation.fleet import HealthTracker, Standstill, crossed_wall, surfaces
 from tests.simulation.scenes import BulletWorld, run, scene
 
 
@@ -60,3 +62,34 @@ def test_ten_burgers_that_charge_about_blindly_go_through_nothing(rounds: int) -
         assert world.collisions().sum() > rounds / 2
     assert tracker.crossings.sum() == 0
     assert tracker.distances_m.min() > 0.025 * rounds
+
+
+STANDS = [(0.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("places", "stuck_s"),
+    [
+        ([(0.02 * step, 0.0) for step in range(200)], 0.0),
+        (STANDS * 51, 0.0),  # 5.0 s
+        (STANDS * 53, 5.2),
+        (STANDS * 101, 10.0),
+        ([(0.2 * (step % 2), 0.0) for step in range(101)], 10.0),
+        (STANDS * 101 + [(1.0, 0.0)] * 100, 10.0 + 9.9),
+    ],
+    ids=["under way", "short", "longer than five seconds", "long", "swinging within 0.25 m", "two stands"],
+)
+def test_a_stand_counts_from_five_seconds_on(places: list[tuple[float, float]], stuck_s: float) -> None:
+    stand, idle = Standstill(), Standstill()
+    for step, (x, y) in enumerate(places):
+        stand.update(x, y, 0.1 * step, True, 1)
+        idle.update(x, y, 0.1 * step, False, 1)
+    assert stand.stuck_s == pytest.approx(stuck_s)
+    assert idle.stuck_s == 0.0, "without a goal"
+
+
+def test_a_new_goal_begins_anew() -> None:
+    busy = Standstill()
+    for step in range(90):
+        busy.update(0.0, 0.0, 0.1 * step, True, step // 45)
+    assert busy.stuck_s == 0.0
