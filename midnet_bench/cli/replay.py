@@ -69,15 +69,21 @@ class ReplayOptions:
     def chosen(self) -> "RecordingSetup":
         """The setup of the file, changed by the options. Raises InputError: file, key and what is wrong."""
         from midnet_bench.campaign.definition import parse_settings
-        from midnet_bench.recording.setup import RecordingSetup, by_name
+        from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup, by_name, mount_of
 
+        if self.place and self.start:
+            raise InputError("--start and --place: give one of the two")
         chosen = RecordingSetup() if self.setup is None else RecordingSetup.load(self.setup)
+        named = {key: by_name(getattr(self, key), f"--{key}") for key in ("pose", "truth", "start")}
+        starts = {name: mount_of(text, "--start") for name, text in named["start"].items()}
         given: dict[str, Any] = {
             **{key: getattr(self, key) for key in ("map", "from_s", "to_s", "preset")},
-            **{key: by_name(getattr(self, key), f"--{key}") for key in ("pose", "truth")},
-            "start": self._starts(),
+            **named,
+            "start": {name: [at.x, at.y, math.degrees(at.yaw)] for name, at in starts.items()},
             "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
         }
+        if self.place:
+            given["start"] = {EVERY: FOUND}
         changes = {key: value for key, value in given.items() if value}
         return chosen.changed(changes if self.map is None else {**changes, "background": None})
 
@@ -94,16 +100,6 @@ class ReplayOptions:
             if key not in typed:
                 raise
             raise InputError(f"{typed[key]}{colon}{rest}") from error
-
-    def _starts(self) -> dict[str, Any]:
-        from midnet_bench.recording.setup import EVERY, FOUND, by_name, mount_of
-
-        if self.place and self.start:
-            raise InputError("--start and --place: give one of the two")
-        if self.place:
-            return {EVERY: FOUND}
-        places = {name: mount_of(text, "--start") for name, text in by_name(self.start, "--start").items()}
-        return {name: [place.x, place.y, math.degrees(place.yaw)] for name, place in places.items()}
 
 
 @command(example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
@@ -153,13 +149,9 @@ def replay(
             return
         with meter() as shown:
             made = workflow.replay(
-                files,
-                setup,
-                messages.note,
+                *(files, setup, messages.note),
                 lambda share: shown.show(share, 1.0, f"{share:.0%} of the recording"),
-                given.film,
-                given.output,
-                given.bag,
+                *(given.film, given.output, given.bag),
             )
     show(None, made.tables, given.as_json, given.wide)
     if not given.as_json:

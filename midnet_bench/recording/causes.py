@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.detectors import evidence
-from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, cells_to_unset, values_at
 from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
@@ -22,7 +21,7 @@ from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.recording_settings import ReplaySettings
-from midnet_bench.recording.replay import ReplayFrame
+from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.truth import Label, Labels
 from midnet_bench.scoring.error_causes import RECORDED_MISSES
 
@@ -65,20 +64,14 @@ class Explainer:
     """Finds the causes of errors, scan by scan, and keeps them until the whole recording is known."""
 
     def __init__(
-        self,
-        preset: str,
-        prior_map: OccupancyGrid,
-        node: DetectorNode,
-        settings: ReplaySettings,
-        counts: RayCounts,
-        kept: IO[bytes],
+        self, preset: str, replay: Replay, settings: ReplaySettings, counts: RayCounts, kept: IO[bytes]
     ) -> None:
-        """Of one detector, by ray counts that may serve several.
+        """Of the detector of one of a replay's presets, by ray counts that may serve several.
 
-        ``kept``: an empty file for its rows. A recording may last for hours: rows wait there for the
-        causes that its end decides.
+        ``kept``: an empty file, where rows wait for the causes that the end of the recording decides.
         """
-        self._preset, self._map, self._node, self._settings = preset, prior_map, node, settings
+        self._preset, self._node, self._settings = preset, replay.nodes[preset], settings
+        self._map = prior_map = replay.prior_map
         self.counts, self._kept = counts, kept
         solid = (prior_map.data == 100).astype(np.uint8)
         self._wall_m = np.full(solid.shape, math.inf)

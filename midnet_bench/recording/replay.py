@@ -144,7 +144,7 @@ class Replay:
         not those that are followed, intruders with recorded poses that serve as labels.
         """
         self.nodes = {name: DetectorNode(one, prior_map, len(robots)) for name, one in settings.items()}
-        self.robots, self.tally = list(robots), Tally()
+        self.robots, self.prior_map, self.tally = list(robots), prior_map, Tally()
         self.done = 0.0  # share of the recordings that was read
         self._recorded, self._setup, self._correctors = recorded, setup, correctors
         self._tracks: dict[Link, PoseTrack] = {}

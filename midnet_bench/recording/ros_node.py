@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rosbags.interfaces import Nodetype
 
@@ -45,40 +45,11 @@ LOCAL = """<CycloneDDS><Domain Id="any">
 """of this machine alone, by unicast; CYCLONEDDS_URI says otherwise"""
 
 
-class Middleware(Protocol):
-    """How a node of one version of ROS hears and says bytes."""
-
-    types: Types
-
-    def listen(self, topics: Mapping[str, str]) -> None:
-        """Subscribe to each topic of a type, such as ``sensor_msgs/msg/LaserScan``."""
-
-    def hear(self, timeout_s: float) -> Iterator[tuple[str, Any, float]]:
-        """Topic, message as it came, and when by ``time.monotonic``; none after a timeout."""
-
-    def unpacked(self, raw: Any, topic: str, kind: str) -> Any:
-        """A message of that type; any error that rosbags raises of bytes that are none."""
-
-    def publish(self, message: Any) -> None:
-        """On :data:`PUBLISHED`, of :data:`KIND`."""
-
-    def is_up(self) -> bool:
-        """Whether the node is to go on."""
-
-    def say(self, line: str, is_warning: bool = False) -> None:
-        """A line into the middleware's log."""
-
-
-def spin(middleware: Middleware, options: LiveOptions, prior_map: OccupancyGrid | None) -> None:
+def spin(middleware: "Rospy | Rclpy | Dds", options: LiveOptions, prior_map: OccupancyGrid | None) -> None:
     """Subscribe, and publish the detections of each frame until the node is shut down.
 
-    Args:
-        middleware: of ROS 1 or ROS 2.
-        options: robots, poses and detector options.
-        prior_map: int8; None: the first message on ``/map``.
-
-    Raises:
-        InputError: the detector's options cannot be.
+    A middleware hears and says the bytes of messages. Without a ``prior_map``, int8, the first message on
+    ``/map`` is taken. Raises InputError: the detector's options cannot be.
     """
     node, reported = LiveNode(options, prior_map), ""
     listened = options.topics(prior_map is None)
@@ -177,13 +148,9 @@ class Rospy:
 
 
 def node_of(remappings: Sequence[str]) -> "Rclpy | Dds":
-    """On the ROS 2 that is set up here, else without one.
+    """On the ROS 2 that is set up here, else without one; ``remappings`` are ``FROM:=TO``, as ROS has them.
 
-    Args:
-        remappings: ``FROM:=TO``, as ROS has them on its command lines.
-
-    Raises:
-        InputError: there is neither rclpy nor Cyclone DDS, or it cannot start.
+    Raises InputError: there is neither rclpy nor Cyclone DDS, or it cannot start.
     """
     try:
         rclpy = importlib.import_module("rclpy")

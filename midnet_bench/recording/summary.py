@@ -18,7 +18,7 @@ from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
-from midnet_bench.recording.scores import Score, Scorer
+from midnet_bench.recording.scores import Score
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import Truth
 from midnet_bench.scoring.error_causes import MISS, RECORDED_BOXES, RECORDED_MISSES
@@ -176,7 +176,7 @@ def unlabelled(setup: RecordingSetup, truth: Truth, played: Replay) -> str:
     )
 
 
-def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
+def score_tables(scores: Mapping[str, Score], has_truth: bool) -> list[Table]:
     """A row for each preset: what was looked at; with labels, the paper's scores and one-to-one scores."""
     kinds = [
         ("recording_frames", "Frames and boxes", Score.looked_at),
@@ -184,28 +184,28 @@ def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
         ("recording_matching", "One-to-one matching: a second box on one label is false", Score.paired),
     ]
     return [
-        Table(name, title, [{"preset": preset, **row_of(one.score)} for preset, one in scorers.items()])
+        Table(name, title, [{"preset": preset, **row_of(one)} for preset, one in scores.items()])
         for name, title, row_of in (kinds if has_truth else kinds[:1])
     ]
 
 
-def event_table(
-    events: Mapping[str, Events], scorers: Mapping[str, Scorer], switches: Mapping[str, int]
-) -> Table:
+def event_table(events: Mapping[str, tuple[Events, int]], scores: Mapping[str, Score]) -> Table:
     """A row for each preset: how many events there were; with labels, how many were none, and MOTA.
+
+    ``events`` come with how often a label came to another track.
 
     MOTA (Bernardin and Stiefelhagen 2008): 1 - (missed, false, second boxes and switched tracks) / labels.
     """
     rows: list[dict[str, Scalar]] = []
-    for name, gathered in events.items():
+    for name, (gathered, switches) in events.items():
         every = gathered.gathered()
         row: dict[str, Scalar] = {"preset": name, "events": len(every)}
-        if name in scorers:
+        if name in scores:
             row["false_events"] = sum(not event.is_true for event in every)
             row["false_events_per_hour"] = gathered.false_per_hour
-            counts = scorers[name].score.counts
-            wrong = counts.missed + counts.fp + counts.duplicates + switches.get(name, 0)
-            row["id_switches"] = switches.get(name, 0)
+            counts = scores[name].counts
+            wrong = counts.missed + counts.fp + counts.duplicates + switches
+            row["id_switches"] = switches
             row["mota"] = 1.0 - wrong / counts.intruders_in_range if counts.intruders_in_range else math.nan
         rows.append(row)
     return Table("recording_events", "Events: what came, however many boxes it had", rows)

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -107,11 +107,9 @@ def _folder(inputs: ReplayInputs, output: Path | None) -> Path:
 class _Preset:
     """What one detector's boxes come to: scores, causes, events."""
 
-    def __init__(self, name: str, run: "_Run", stack: ExitStack) -> None:
-        settings, node = run.settings[name], run.played.nodes[name]
-        kept = stack.enter_context(TemporaryFile())  # noqa: SIM115
-        grid = run.inputs.prior_map
-        self.name, self.explainer = name, Explainer(name, grid, node, settings, run.counts, kept)
+    def __init__(self, name: str, run: "_Run", kept: IO[bytes]) -> None:
+        settings = run.settings[name]
+        self.name, self.explainer = name, Explainer(name, run.played, settings, run.counts, kept)
         self.scorer = Scorer(name, self.explainer, settings.range_m, run.inputs.setup)
         self.events, self.switches = Events(), 0
         self._track_of: dict[str, int] = {}
@@ -142,7 +140,10 @@ class _Run:
         self.counts = RayCounts(grid.resolution, grid.origin, (grid.height, grid.width))
         self._newest: dict[int, Scan] = {}
         """laser -> the scan of it that was counted last"""
-        self.presets = {name: _Preset(name, self, stack) for name in self.settings}
+        self.presets = {
+            name: _Preset(name, self, stack.enter_context(TemporaryFile()))  # noqa: SIM115
+            for name in self.settings
+        }
 
     @contextmanager
     def writing(self, film: bool, bag: Path | None, note: Note) -> Iterator[Callable[[ReplayFrame], None]]:
@@ -189,16 +190,16 @@ class _Run:
     def results(self, film: bool, faults: list[str], note: Note) -> Replayed:
         """Write errors and tables."""
         folder, presets, has_truth = self.folder, self.presets, bool(self.inputs.setup.truth)
-        scorers = {name: preset.scorer for name, preset in presets.items()}
-        events = {name: preset.events for name, preset in presets.items()}
-        counted = _write_errors(
-            folder / "errors.csv", {name: preset.explainer for name, preset in presets.items()}
+        counted = _write_errors(folder / "errors.csv", presets)
+        write_atomically(
+            folder / "events.csv",
+            event_rows({name: one.events for name, one in presets.items()}, has_truth),
         )
-        write_atomically(folder / "events.csv", event_rows(events, has_truth))
-        switches = {name: preset.switches for name, preset in presets.items()}
+        scores = {name: one.scorer.score for name, one in presets.items()}
+        events = {name: (one.events, one.switches) for name, one in presets.items()}
         tables = [
-            *score_tables(scorers, has_truth),
-            event_table(events, scorers if has_truth else {}, switches),
+            *score_tables(scores, has_truth),
+            event_table(events, scores if has_truth else {}),
             cause_table(counted),
         ]
         files = [folder / "boxes.csv", folder / "errors.csv", folder / "events.csv"]
@@ -320,14 +321,14 @@ def _cells(row: Iterable[Any], digits: int) -> list[str]:
     return [f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell) for cell in row]
 
 
-def _write_errors(path: Path, explainers: Mapping[str, Explainer]) -> dict[str, Counter[tuple[str, str]]]:
+def _write_errors(path: Path, presets: Mapping[str, _Preset]) -> dict[str, Counter[tuple[str, str]]]:
     """Write every error, row by row; how many there are of each kind and cause, by preset."""
     counted: dict[str, Counter[tuple[str, str]]] = {}
     with temporary_path(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
         file.write(",".join(["preset", *ErrorRow._fields]) + "\n")
-        for name, explainer in explainers.items():
+        for name, preset in presets.items():
             counted[name] = Counter()
-            for one in explainer.settled():
+            for one in preset.explainer.settled():
                 file.write(",".join([name, *_cells(one, 4)]) + "\n")
                 counted[name][one.kind, one.cause] += 1
     return counted

@@ -48,28 +48,12 @@ def replayed_boxes(folder: Path) -> dict[int, list[Sides]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "name"),
-    [
-        ("mcap", "trial.mcap"),
-        pytest.param("ros1", "trial.bag", marks=pytest.mark.slow),
-        pytest.param("ros2", "trial", marks=pytest.mark.slow),
-    ],
+    [("mcap", "trial.mcap"), ("ros1", "trial.bag"), ("ros2", "trial")],
 )
 def test_an_exported_trial_gives_its_detections_again(tmp_path: Path, form: str, name: str) -> None:
     # marks as old as they may get, to the tick: only the trial's own clock tells which are forgotten
-    trial = (
-        "detection",
-        "--engine",
-        "fast",
-        "--frames",
-        12,
-        "--seed",
-        7,
-        "--set",
-        "local_map=decay",
-        "--set",
-        "decay_s=0.4",
-    )
-    worked("export", *trial, "--format", form, "-o", name, folder=tmp_path)
+    trial = "detection --engine fast --frames 12 --seed 7 --set local_map=decay --set decay_s=0.4"
+    worked("export", *trial.split(), "--format", form, "-o", name, folder=tmp_path)
     listed = worked("replay", name, folder=tmp_path)
     (proposed,) = (line for line in listed.stderr.splitlines() if line.startswith("proposed: "))
     command = proposed.removeprefix("proposed: midnet-bench ").split()
@@ -183,16 +167,9 @@ def test_a_film_and_what_the_map_lacks(tmp_path: Path) -> None:
 
 
 def test_a_declared_ally_is_no_intruder(tmp_path: Path) -> None:
-    done = played(
-        tmp_path,
-        "overtake_red",
-        "--preset",
-        "real",
-        "-o",
-        "out",
-        mount=MOUNT,
-        allies={"red": {"topic": "/red_pose"}},
-    )
+    allies = {"red": {"topic": "/red_pose"}}
+    options = ("--preset", "real", "-o", "out")
+    done = played(tmp_path, "overtake_red", *options, mount=MOUNT, allies=allies)
     assert done.returncode == 0, done.stderr
     frames = {row["frame"] for row in rows(tmp_path / "out" / "boxes.csv")}
     assert len(frames) <= 1

@@ -34,12 +34,8 @@ def test_a_longer_gap_stays_a_gap(tmp_path: Path) -> None:
 
 def test_a_label_within_20_ms_belongs_to_the_scan(tmp_path: Path) -> None:
     known = table(tmp_path, "1.0,car,3.0,4.0")
-    assert [known.at(round(time_s * NS), None) is not None for time_s in (0.981, 1.019, 1.021, 0.979)] == [
-        True,
-        True,
-        False,
-        False,
-    ]
+    for time_s, is_labelled in ((0.981, True), (1.019, True), (1.021, False), (0.979, False)):
+        assert (known.at(round(time_s * NS), None) is not None) == is_labelled
 
 
 @pytest.mark.parametrize("time_s", ["16000000007", "-16000000007", "1600000000500"])
@@ -80,14 +76,9 @@ def test_of_two_boxes_on_a_label_the_one_with_the_nearer_centre_is_its_own() -> 
         assert match.touched == [[0], [0]]
 
 
-def test_as_many_pairs_as_can_be() -> None:
+def test_as_many_pairs_as_can_be_and_a_box_too_far_off_stays_alone() -> None:
     """The box that lies near both labels takes the one that no other box can have."""
-    shared, alone = Box(0.0, 0.0, 1.0, 0.1), Box(-0.4, 0.0, -0.3, 0.1)
-    match = matched([shared, alone], [Label("left", 0.0, 0.05), Label("right", 1.0, 0.05)], 0.35)
-    assert match.detection_of == [1, 0]
-
-
-def test_a_box_too_far_from_every_label_stays_alone_beside_one_that_is_right() -> None:
-    boxes = [Box(0.0, 0.0, 0.1, 0.1), Box(5.0, 0.0, 5.1, 0.1)]
-    match = matched(boxes, [Label("car", 0.05, 0.05), Label("bus", 5.6, 0.05)], 0.35)
-    assert (match.truth_of, match.detection_of) == ([0, None], [0, None])
+    boxes = [Box(0.0, 0.0, 1.0, 0.1), Box(-0.4, 0.0, -0.3, 0.1), Box(5.0, 0.0, 5.1, 0.1)]
+    labels = [Label(name, x, 0.05) for name, x in (("left", 0.0), ("right", 1.0), ("far", 5.6))]
+    match = matched(boxes, labels, 0.35)
+    assert (match.truth_of, match.detection_of) == ([1, 0, None], [1, 0, None])
