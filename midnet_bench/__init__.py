@@ -13,74 +13,53 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from midnet_bench.campaign.definition import Campaign
-    from midnet_bench.errors import InputError, MidnetBenchError
-    from midnet_bench.experiments.experiment import Experiment
-    from midnet_bench.geometry import Box, Pose2D
-    from midnet_bench.grid import OccupancyGrid
-    from midnet_bench.io.map_server import load_map
-    from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
-    from midnet_bench.workflows.campaigns import load_campaign, run_campaign
-    from midnet_bench.workflows.data_frames import compare, error_causes, results, run, verify
-    from midnet_bench.workflows.prior_map import prior_map
-    from midnet_bench.workflows.simulate import simulate
+    from midnet_bench.campaign.definition import Campaign as Campaign
+    from midnet_bench.errors import InputError as InputError
+    from midnet_bench.errors import MidnetBenchError as MidnetBenchError
+    from midnet_bench.experiments.experiment import Experiment as Experiment
+    from midnet_bench.geometry import Box as Box
+    from midnet_bench.geometry import Pose2D as Pose2D
+    from midnet_bench.grid import OccupancyGrid as OccupancyGrid
+    from midnet_bench.io.map_server import load_map as load_map
+    from midnet_bench.midnet.pipeline import MIDNet as MIDNet
+    from midnet_bench.midnet.pipeline import MIDNetSettings as MIDNetSettings
+    from midnet_bench.midnet.pipeline import Observation as Observation
+    from midnet_bench.workflows.campaigns import load_campaign as load_campaign
+    from midnet_bench.workflows.campaigns import run_campaign as run_campaign
+    from midnet_bench.workflows.data_frames import compare as compare
+    from midnet_bench.workflows.data_frames import error_causes as error_causes
+    from midnet_bench.workflows.data_frames import results as results
+    from midnet_bench.workflows.data_frames import run as run
+    from midnet_bench.workflows.data_frames import verify as verify
+    from midnet_bench.workflows.prior_map import prior_map as prior_map
+    from midnet_bench.workflows.simulate import simulate as simulate
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "Box": "midnet_bench.geometry:Box",
-    "Campaign": "midnet_bench.campaign.definition:Campaign",
-    "Experiment": "midnet_bench.experiments.experiment:Experiment",
-    "InputError": "midnet_bench.errors:InputError",
-    "MIDNet": "midnet_bench.midnet.pipeline:MIDNet",
-    "MIDNetSettings": "midnet_bench.midnet.pipeline:MIDNetSettings",
-    "MidnetBenchError": "midnet_bench.errors:MidnetBenchError",
-    "Observation": "midnet_bench.midnet.pipeline:Observation",
-    "OccupancyGrid": "midnet_bench.grid:OccupancyGrid",
-    "Pose2D": "midnet_bench.geometry:Pose2D",
-    "compare": "midnet_bench.workflows.data_frames:compare",
-    "error_causes": "midnet_bench.workflows.data_frames:error_causes",
-    "load_campaign": "midnet_bench.workflows.campaigns:load_campaign",
-    "load_map": "midnet_bench.io.map_server:load_map",
-    "prior_map": "midnet_bench.workflows.prior_map:prior_map",
-    "results": "midnet_bench.workflows.data_frames:results",
-    "run": "midnet_bench.workflows.data_frames:run",
-    "run_campaign": "midnet_bench.workflows.campaigns:run_campaign",
-    "simulate": "midnet_bench.workflows.simulate:simulate",
-    "verify": "midnet_bench.workflows.data_frames:verify",
+_NAMES = {
+    "campaign.definition": ("Campaign",),
+    "errors": ("InputError", "MidnetBenchError"),
+    "experiments.experiment": ("Experiment",),
+    "geometry": ("Box", "Pose2D"),
+    "grid": ("OccupancyGrid",),
+    "io.map_server": ("load_map",),
+    "midnet.pipeline": ("MIDNet", "MIDNetSettings", "Observation"),
+    "workflows.campaigns": ("load_campaign", "run_campaign"),
+    "workflows.data_frames": ("compare", "error_causes", "results", "run", "verify"),
+    "workflows.prior_map": ("prior_map",),
+    "workflows.simulate": ("simulate",),
 }
-"""public name -> where it is defined"""
+"""module -> the public names that it defines"""
+_HOMES = {name: f"midnet_bench.{module}" for module, names in _NAMES.items() for name in names}
 
-__all__ = [
-    "Box",
-    "Campaign",
-    "Experiment",
-    "InputError",
-    "MIDNet",
-    "MIDNetSettings",
-    "MidnetBenchError",
-    "Observation",
-    "OccupancyGrid",
-    "Pose2D",
-    "compare",
-    "error_causes",
-    "load_campaign",
-    "load_map",
-    "prior_map",
-    "results",
-    "run",
-    "run_campaign",
-    "simulate",
-    "verify",
-]
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> object:
     """A public name, imported on first use (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, original = _HOMES[name].partition(":")
-    value = getattr(import_module(module), original)
+    value = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 

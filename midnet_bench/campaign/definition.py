@@ -16,7 +16,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
-from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
+from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator, model_validator
 
 from midnet_bench.campaign.tables import Tables
 from midnet_bench.campaign.trial import VARIANT, Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
@@ -110,31 +110,32 @@ class Campaign(Spec):
             raise ValueError(f"the results' folder is named so; at most {LONGEST_NAME} bytes")
         return name
 
-    @field_validator("grid", "parameters", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _has_scalars(cls, section: object) -> object:
-        """Classes and functions by reference; nothing is an empty section."""
-        if not isinstance(section, Mapping):
-            return {} if section is None else section
-        return {
-            key: [reference_to(one) if callable(one) else one for one in value]
-            if isinstance(value, list)
-            else (reference_to(value) if callable(value) else value)
-            for key, value in section.items()
-        }
-
-    @field_validator("variants", mode="before")
-    @classmethod
-    def _has_names(cls, variants: object) -> object:
-        """A variant that changes nothing may be left empty; YAML reads some names as numbers."""
-        if not isinstance(variants, Mapping):
-            return {} if variants is None else variants
-        return {str(name): {} if changes is None else changes for name, changes in variants.items()}
+    def _has_plain_values(cls, values: Any) -> Any:
+        """Nothing is an empty section or variant; code is a reference; YAML reads some names as numbers."""
+        given = dict(values)
+        for section in ("grid", "parameters", "variants"):
+            found = given.get(section)
+            if found is None:
+                given.pop(section, None)
+            elif isinstance(found, Mapping):
+                given[section] = {
+                    str(key) if section == "variants" else key: _plain(value, section == "variants")
+                    for key, value in found.items()
+                }
+        return given
 
     @property
     def axes(self) -> dict[str, list[Scalar]]:
         """The factors of the grid with their values, the names of the variants before them."""
         return {**({VARIANT: [*self.variants]} if self.variants else {}), **self.grid}
+
+
+def _plain(value: Any, is_variant: bool) -> Any:
+    if is_variant:
+        return {} if value is None else value
+    return list(map(reference_to, value)) if isinstance(value, list) else reference_to(value)
 
 
 @dataclass(frozen=True)
@@ -471,11 +472,6 @@ def _check_keys(campaign: Campaign, experiment: Experiment) -> None:
         for key in keys:
             if key in campaign.grid and section.startswith("variants"):
                 raise InputError(f"{section}.{key}: also a factor of the grid")
-            if key == "disturbance":
-                raise InputError(
-                    f"{section}.{key}: disturbances are variants of a 'detection'"
-                    " campaign now; see campaigns/robustness.yaml"
-                )
             if key not in known:
                 where = f"; 'midnet-bench parameters {campaign.experiment}' lists them"
                 raise InputError(f"{section}.{key}: unknown key{nearest_name(key, known, where)}")
@@ -567,11 +563,6 @@ def _in_all_cells(name: str, cells: list[dict[str, Scalar]]) -> Scalar:
     """
     values = list(dict.fromkeys(cell[name] for cell in cells))
     return values[0] if len(values) == 1 else SEVERAL.join(map(str, values))
-
-
-def differs_between_cells(value: Scalar) -> bool:
-    """Whether a parameter of a definition stands for several values."""
-    return isinstance(value, str) and SEVERAL in value
 
 
 def differences(old: Definition, new: Definition) -> list[str]:

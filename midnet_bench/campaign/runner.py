@@ -129,23 +129,10 @@ def run_campaign(
     progress: Progress | None = None,
     prepare: Callable[[], None] = lambda: None,
 ) -> CampaignOutcome:
-    """Runs the trials that ``directory``'s store lacks; the same call again continues.
+    """Runs the trials that ``directory``'s store lacks, as the public ``run_campaign`` describes it.
 
-    Args:
-        campaign: what to run; it may extend what the store was made for by trials or grid values.
-        directory: where the store is or will be.
-        jobs: worker processes of this machine, all its cores unless given.
-        backend: ``loky`` or ``dask``.
-        scheduler: of Dask, such as ``tcp://127.0.0.1:8786``; a cluster of this machine unless given.
-        fresh: starts over and keeps the old store aside.
-        retry_failed: runs failed trials again.
-        progress: receives each outcome.
-        prepare: called once before workers start, if there is a trial to run.
-
-    Raises:
-        InputError: a wrong option, or a store that is damaged, foreign, in use or another campaign's.
-        StoreFull: no room; the same call continues when there is some.
-        Interrupted: Ctrl-C.
+    ``campaign`` may extend what the store was made for by trials or grid values. ``prepare`` is called once
+    before workers start, if there is a trial to run.
     """
     start_s = time.perf_counter()
     progress = progress or Progress()

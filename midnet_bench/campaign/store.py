@@ -283,10 +283,6 @@ class Store:
                 self._connection.executemany("INSERT OR REPLACE INTO cells VALUES (?, ?)", missing)
         self._written = there.keys() | {number for number, _ in missing}
 
-    def statuses(self) -> dict[str, str]:
-        """Trial id -> ``finished`` or ``failed``. Raises InputError if a cell is damaged."""
-        return {trial.trial_id: trial.status for trial in self.trials()}
-
     def counts(self) -> tuple[int, int]:
         """How many trials have finished, and how many have failed."""
         ((finished, total),) = self._read(

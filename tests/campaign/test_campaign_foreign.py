@@ -76,7 +76,7 @@ def test_what_a_killed_process_left_half_made_is_read_in_a_copy(store: Path, tmp
     before = contents(killed.parent)
 
     with open_store(store) as whole, open_store(killed) as half:
-        assert half.statuses() == whole.statuses()
+        assert {one.trial_id for one in half.trials()} == {one.trial_id for one in whole.trials()}
         assert half.counts() == (2, 0)
     assert contents(killed.parent) == before
 

@@ -408,10 +408,3 @@ def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> Non
         env=environment(),
     )
     assert done.stdout.splitlines() == ["2 2 2", "2", "2 2 2 2"]
-
-
-def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
-    run(tmp_path / "one")
-    run(tmp_path / "two", base_seed=100)
-
-    assert exported(tmp_path / "one")["tosses.csv"] != exported(tmp_path / "two")["tosses.csv"]

@@ -11,7 +11,7 @@ import pandas as pd
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.arena.arena import arena_names
 from midnet_bench.arena.layout import place
-from midnet_bench.campaign.definition import differs_between_cells, shown_cell
+from midnet_bench.campaign.definition import SEVERAL, shown_cell
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.errors import InputError
@@ -218,7 +218,7 @@ def _errors(frames: int, errors: Sequence[Row], words: dict[str, int]) -> list[l
 
 
 def _plan(given: Mapping[str, Scalar], seed: int) -> FloorPlan:
-    known = {name: value for name, value in given.items() if not differs_between_cells(value)}
+    known = {name: value for name, value in given.items() if SEVERAL not in str(value)}
     arena = str(known["arena"])
     if arena not in arena_names() and not arena.startswith("{"):
         raise ValueError(f"arena {arena!r} is none")
