@@ -20,6 +20,18 @@ BODY = np.array(
 )
 
 
+def bresenham(x0: int, y0: int, x1: int, y1: int) -> list[tuple[int, int]]:
+    """The cells of a line by its closed form."""
+    dx, dy = abs(x1 - x0), abs(y1 - y0)
+    sx, sy = (1 if x1 > x0 else -1), (1 if y1 > y0 else -1)
+    major = max(dx, dy)
+    cells = []
+    for i in range(major + 1):
+        minor = (major // 2 + i * min(dx, dy)) // major if major else 0
+        cells.append((x0 + sx * i, y0 + sy * minor) if dx >= dy else (x0 + sx * minor, y0 + sy * i))
+    return cells
+
+
 @dataclass
 class World:
     """Axis-aligned walls; cells of ``occupancy`` are occupied when a wall covers their centre."""

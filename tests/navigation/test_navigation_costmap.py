@@ -22,6 +22,7 @@ from midnet_bench.navigation.costmap import (
 )
 from midnet_bench.navigation.navigation_settings import CostmapSettings
 from midnet_bench.robots.burger import LDS_01
+from tests.navigation.planar_world import bresenham
 
 ONE_BEAM = LidarGeometry(1, 0.0, 0.1, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))
 BARE = CostmapSettings(footprint_clearing=False, inflation_radius_m=0.0)
@@ -136,14 +137,7 @@ def test_a_cleared_line_is_bresenhams(dx: int, dy: int, limit: int) -> None:
     clear_line(cells.reshape(-1), cells.shape[1], 30, 30, 30 + dx, 30 + dy, limit)
     major = max(abs(dx), abs(dy))
     steps = int(min(1.0, limit / math.hypot(dx, dy)) * major) if major else 0
-    expected = set()
-    for i in range(steps + 1):
-        if abs(dx) >= abs(dy):
-            minor = (major // 2 + i * abs(dy)) // major if major else 0
-            expected.add((30 + int(math.copysign(i, dx)), 30 + int(math.copysign(minor, dy))))
-        else:
-            minor = (major // 2 + i * abs(dx)) // major
-            expected.add((30 + int(math.copysign(minor, dx)), 30 + int(math.copysign(i, dy))))
+    expected = set(bresenham(30, 30, 30 + dx, 30 + dy)[: steps + 1])
     rows, columns = np.nonzero(cells == 0)
     assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == expected
 

@@ -30,6 +30,7 @@ from midnet_bench.navigation.navigation_settings import (
 from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import BURGER, LDS_01
+from tests.navigation.planar_world import bresenham
 
 Costs = npt.NDArray[np.uint8]
 FOOTPRINT = np.array([(-2.3, -2.3), (-2.3, 2.3), (1.02, 2.3), (1.02, -2.3)])
@@ -62,18 +63,6 @@ def scene(
     return costs, distance_grids(costs, plan, (0.0, 0.0), 1.0, start[:2], 6.5), plan, start
 
 
-def line(x0: int, y0: int, x1: int, y1: int) -> list[tuple[int, int]]:
-    """Bresenham by its closed form."""
-    dx, dy = abs(x1 - x0), abs(y1 - y0)
-    sx, sy = (1 if x1 > x0 else -1), (1 if y1 > y0 else -1)
-    major = max(dx, dy)
-    cells = []
-    for i in range(major + 1):
-        minor = (major // 2 + i * min(dx, dy)) // major if major else 0
-        cells.append((x0 + sx * i, y0 + sy * minor) if dx >= dy else (x0 + sx * minor, y0 + sy * i))
-    return cells
-
-
 def outline(costs: Costs, x: float, y: float, yaw: float) -> int:
     corners = [
         (x + fx * math.cos(yaw) - fy * math.sin(yaw), y + fx * math.sin(yaw) + fy * math.cos(yaw))
@@ -83,7 +72,7 @@ def outline(costs: Costs, x: float, y: float, yaw: float) -> int:
         return -1
     worst = 0
     for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True):
-        for cx, cy in line(int(ax), int(ay), int(bx), int(by)):
+        for cx, cy in bresenham(int(ax), int(ay), int(bx), int(by)):
             if costs[cy, cx] >= 254:
                 return -1
             worst = max(worst, int(costs[cy, cx]))
