@@ -105,17 +105,19 @@ def compare(
         update: With --exact: commit this run's numbers instead; in a checkout.
         output PATH: Also write tables and figures into this folder; with --rank, the page into this file.
     """
-    from midnet_bench.workflows import compare as workflow
-
     if exact or update:
+        from midnet_bench.workflows.golden import compare_exactly
+
         if len(directories) > 2:
             raise InputError(
                 "compare: --exact compares one folder with the committed numbers, or two folders"
             )
-        lines, how = workflow.compare_exactly(*directories, update=update)
+        lines, how = compare_exactly(*directories, update=update)
         how = "expected numbers updated" if update else f"{messages.counted(len(lines), 'difference')}, {how}"
         typer.echo("\n".join([*lines, how]))
         raise typer.Exit(1 if lines else 0)
+    from midnet_bench.workflows import compare as workflow
+
     if rank or of or rank_by:
         if len(directories) != 1:
             raise InputError("compare: --rank ranks one campaign; give one folder")

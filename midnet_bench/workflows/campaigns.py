@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -52,30 +53,23 @@ def campaign_file(name_or_path: str | Path) -> Path:
     Raises:
         InputError: there is neither.
     """
-    path = Path(name_or_path)
+    path, name, packaged = Path(name_or_path), str(name_or_path), packaged_campaigns()
     if path.is_file():
         return path
-    packaged = packaged_campaigns()
-    name = str(name_or_path)
     if name in packaged:
         return packaged[name]
+    what = f"neither a campaign file nor a packaged campaign{nearest_name(name, packaged)}"
     if path.stem in packaged:
-        raise InputError(
-            f"{path}: there is no such file; 'midnet-bench run {path.stem}' runs the packaged campaign"
-        )
-    if path.suffix or path.name != name:
-        raise InputError(f"{path}: there is no such file; the path starts from the working folder")
-    raise InputError(f"{name}: neither a campaign file nor a packaged campaign{nearest_name(name, packaged)}")
+        what = f"there is no such file; 'midnet-bench run {path.stem}' runs the packaged campaign"
+    elif path.suffix or path.name != name:
+        what = "there is no such file; the path starts from the working folder"
+    raise InputError(f"{name}: {what}")
 
 
 def summary_of(path: Path) -> str:
     """What a campaign is for, in one line: the first sentence of its file's leading comment; else empty."""
-    comment = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#"):
-            break
-        comment.append(line.removeprefix("#").strip())
-    sentence, stop, _ = " ".join(comment).partition(". ")
+    lines = takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines())
+    sentence, stop, _ = " ".join(line.removeprefix("#").strip() for line in lines).partition(". ")
     return sentence + stop.strip()
 
 

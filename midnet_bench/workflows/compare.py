@@ -1,13 +1,10 @@
-"""Scores side by side: campaigns, a factor's values, ranks, curves over a factor; numbers to the byte."""
+"""Scores side by side: campaigns, the values of a factor, ranks, and curves over a factor."""
 
-import csv
-import hashlib
 import itertools
-import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,14 +16,12 @@ from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, BySeed, Compar
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table, in_words, signed, team_in_words
-from midnet_bench.campaign.provenance import Provenance, code_of, collect, versions_note
-from midnet_bench.campaign.tables import ANY_DRIFT, Drift
+from midnet_bench.campaign.provenance import code_of, versions_note
 from midnet_bench.campaign.trial import factor_text
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments import registry
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.io.files import installed, shipped_folder, write_atomically
+from midnet_bench.io.files import write_atomically
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.settings import leaves
 
@@ -46,10 +41,6 @@ HIDDEN = ("seeds", "p_holm", "outlier_seed")  # columns of differences that a te
 FEWEST = 3  # values of a factor whose curve the report draws by itself
 MOST_SETTINGS, MAX_SHOWN = 4, 60
 """settings that a line names; characters of a setting's value, which may be a whole arena"""
-TABLES = {"smoke-detection": ("scores", "robots"), "smoke-labyrinth": ("trial", "intruders", "robots")}
-"""packaged campaign -> its tables that have committed numbers"""
-PLATFORM = "platform.json"
-SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
 
 Curves = Mapping[str, Mapping[float, BySeed]]
 """the other factors' values -> the value of the factor along x -> a score of each seed"""
@@ -65,7 +56,7 @@ class Comparison(NamedTuple):
     @property
     def differences(self) -> Table:
         """A row per cell, measure and further campaign."""
-        return next(table for table in self.tables if table.name == "differences")
+        return self.tables[-2]
 
 
 def compare(
@@ -75,7 +66,8 @@ def compare(
 
     Args:
         directories: of the campaigns.
-        by: a factor of the grid of the only campaign, whose values are compared, by seed and cell.
+        by: a factor of the grid of the only campaign, whose values are compared, by seed and cell; its
+            key ``compare`` names one unless given.
         baseline: the value with which the others are compared; the first unless given.
 
     Raises:
@@ -87,18 +79,17 @@ def compare(
         raise InputError(f"compare: --baseline {baseline}: say by --by of which factor")
     if by is None and len(directories) == 1:
         only = load_results(directories[0], tables_of)
-        if (preset := only.definition.compare) is not None:
-            return compare(directories, preset.by, str(preset.baseline))
-        hint = f", or --by {' or --by '.join(only.factors)}" if only.factors else ""
-        raise InputError(f"compare: give two or more different folders{hint}")
+        if (preset := only.definition.compare) is None:
+            hint = f", or --by {' or --by '.join(only.factors)}" if only.factors else ""
+            raise InputError(f"compare: give two or more different folders{hint}")
+        by, baseline = preset.by, str(preset.baseline)
     if by is None:
         folders = dict(zip(names_of([Path(one) for one in directories]), directories, strict=True))
         campaigns = {name: load_results(folder, tables_of) for name, folder in folders.items()}
     else:
         campaigns = _by_value(directories, by, baseline)
-    first, *others = campaigns
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
-    record = experiment_of(campaigns[first])
+    record = experiment_of(next(iter(campaigns.values())))
     if len(kinds) > 1 or record.measures is None:
         raise InputError(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
@@ -106,6 +97,7 @@ def compare(
         )
     frame = _scores(record, {(name,): results for name, results in campaigns.items()}, [CAMPAIGN])
     differences = _differences(record, frame.drop(columns=[by] if by in frame else []), list(campaigns))
+    first, *others = campaigns
     for name in others:
         if not any(name in row for row in differences.rows):
             raise InputError(_nothing_to_pair(frame, first, name))
@@ -161,20 +153,18 @@ def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str])
 
 def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
     """Why two campaigns have no trials to compare, and what to run."""
-    parts = {one: frame[frame[CAMPAIGN] == one] for one in (first, name)}
-    seeds = {one: sorted(set(part["seed"])) for one, part in parts.items()}
-    if not seeds[first] or not seeds[name]:
-        return f"compare: {name if seeds[first] else first} has no finished trial"
-    if set(seeds[first]) & set(seeds[name]):
-        names = _cell_columns(frame, [CAMPAIGN])
-        keys = {one: part[names].itertuples(index=False, name=None) for one, part in parts.items()}
-        cells = {one: ", ".join(dict.fromkeys(label(names, key) for key in keys[one]))[:80] for one in keys}
-        return f"nothing to pair: {first} has {cells[first]}; {name} has {cells[name]}"
-    has = ", ".join(
-        f"{one} has seed {found[0]}" if len(found) == 1 else f"{one} has seeds {found[0]} to {found[-1]}"
-        for one, found in seeds.items()
+    has = {}
+    for one in (first, name):
+        seeds = sorted(set(frame[frame[CAMPAIGN] == one]["seed"]))
+        if not seeds:
+            return f"compare: {one} has no finished trial"
+        has[one] = f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
+    if has[first] == has[name]:
+        return f"nothing to pair: {first} and {name} have no cell in common"
+    return (
+        f"nothing to pair: {first} has {has[first]}, {name} has {has[name]}; "
+        f"run {name} with --seed {has[first].split()[1]}"
     )
-    return f"nothing to pair: {has}; run {name} with --seed {seeds[first][0]}"
 
 
 def _cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
@@ -182,7 +172,12 @@ def _cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
     return [str(name) for name in frame if name not in (*by, MEASURE, "seed", "value")]
 
 
-def _cells(record: Experiment, one: Compared) -> dict[str, Cell]:
+def seed_mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
+    """The mean of a score over seeds with its interval, which stays where the score can be."""
+    return mean(list(values.values()), within=record.range_of(measure))
+
+
+def _difference(record: Experiment, one: Compared) -> dict[str, Cell]:
     return analysis.columns_of(one.difference, record.wants_less(one.measure))
 
 
@@ -193,10 +188,6 @@ def _notes(compared: Sequence[Compared], names: Iterable[str] = ()) -> list[str]
     return notes + (analysis.holm_notes(names, changes) if names else [])
 
 
-def _mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
-    return mean(list(values.values()), within=record.range_of(measure))
-
-
 def _differences(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
     """Means of the first campaign (``campaigns[0]``) and of each other, and their difference, by cell."""
     first = campaigns[0]
@@ -204,9 +195,9 @@ def _differences(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[st
     rows: list[Mapping[str, Cell]] = []
     names = []
     for one in compared:
-        other, change = str(one.contestant[0]), one.difference
-        means = {first: change.before, other: change.after}
-        rows.append({"trial": one.cell, "measure": one.measure, **means, **_cells(record, one)})
+        other = str(one.contestant[0])
+        means = {first: one.difference.before, other: one.difference.after}
+        rows.append({"trial": one.cell, "measure": one.measure, **means, **_difference(record, one)})
         names.append(f"{one.cell} {in_words(one.measure)}" + f" ({other})" * (len(campaigns) > 2))
     title, labels = f"Differences from {first} {HOW}", {name: name for name in campaigns}
     notes = _notes(compared, names)
@@ -292,22 +283,20 @@ def _are_identical(first: Results, other: Results) -> bool:
 def worse(found: Comparison, measure: str) -> list[str]:
     """What is worse than the first campaign in a score, a line each; by the verdicts of ``differences``.
 
-    Raises:
-        InputError: the experiment has no such main score.
+    Raises InputError: the experiment has no such main score.
     """
     rows = found.differences.rows
     known = list(dict.fromkeys(str(row["measure"]) for row in rows))
     if measure not in known:
         raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
-    lines = []
-    for row in rows:
-        change = row["difference"]
-        if row["measure"] == measure and row["verdict"] == WORSE and isinstance(change, Estimate):
-            (name,) = [name for name in list(found.campaigns)[1:] if name in row]
-            cell = ", ".join(filter(None, (name, str(row["trial"]))))
-            interval = f"{change.value:+.3f} [{change.low:+.3f}, {change.high:+.3f}]"
-            lines.append(f"{measure} is worse: {cell}: {interval}, p {row['p_holm']:.2g}")
-    return lines
+    return [
+        f"{measure} is worse: {', '.join(filter(None, (name, str(row['trial']))))}: "
+        f"{signed(row['difference'])}, p {row['p_holm']:.2g}"  # type: ignore[arg-type]
+        for row in rows
+        if row["measure"] == measure and row["verdict"] == WORSE
+        for name in list(found.campaigns)[1:]
+        if name in row
+    ]
 
 
 def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = None) -> list[Table]:
@@ -329,25 +318,39 @@ def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = No
     if record.measures is None:
         raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
     known = results.factors
-    for factor in of:
-        if factor not in known:
-            nearest = nearest_name(factor, known)
-            raise InputError(f"{results.directory}: the grid has no factor '{factor}'{nearest}")
     factors = [factor for factor in known if factor in (of or NAMING_CODE)]
-    if not factors:
+    if not factors and not of:
         hint = f"name a factor: --of {' or --of '.join(known)}" if known else "it has none"
         raise InputError(f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; {hint}")
     parts: dict[Key, Results] = {(): results}
-    for factor in factors:
+    for factor in [*factors, *(name for name in of if name not in known)]:  # which by_value refuses
         each = [(key, part.by_value(factor)) for key, part in parts.items()]
         parts = {(*key, name): cell for key, cells in each for name, cell in cells.items()}
     frame = _scores(record, parts, factors)
     measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
     if rank_by is not None and rank_by not in measures:
         raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
-    ranked = [rank_by] if rank_by else [measure for measure in record.ranked_by if measure in measures]
+    chosen = [rank_by] if rank_by else [measure for measure in record.ranked_by if measure in measures]
     return [
-        _ranking(record, factors, frame, one, [other for other in measures if other != one]) for one in ranked
+        _ranking(record, factors, frame, one, [other for other in measures if other != one]) for one in chosen
+    ]
+
+
+def ranked(
+    record: Experiment, compared: Sequence[Compared], baseline: str
+) -> list[tuple[Compared, dict[str, Cell]]]:
+    """Contestants of one world, the best first, with the columns of their score and its difference.
+
+    ``compared``: in one score, the baseline first, whose verdict is ``baseline``.
+    """
+    measure, first = compared[0].measure, compared[0].contestant
+    sign = 1.0 if record.wants_less(measure) else -1.0
+    means = [(seed_mean(record, measure, one.values), one) for one in compared]
+    means.sort(key=lambda of: (math.isnan(of[0].value), sign * of[0].value, _texts(of[1].contestant)))
+    verdict = {first: {"verdict": baseline}}
+    return [
+        (one, {measure: score, **_difference(record, one), **verdict.get(one.contestant, {})})
+        for score, one in means
     ]
 
 
@@ -359,25 +362,23 @@ def _ranking(
     frame = _without_repeats(frame, factors, names, measure)
     values = series(frame, [*factors, *names, MEASURE])
     compared = analysis.compare(frame, factors, record.range_of, [measure], with_baseline=True)
-    worlds = list(dict.fromkeys(one.key for one in compared))
-    compared = sorted(compared, key=lambda one: worlds.index(one.key))
-    first, wants_less = compared[0].contestant, record.wants_less(measure)
+    first, worlds = compared[0].contestant, list(dict.fromkeys(one.key for one in compared))
+    compared.sort(key=lambda one: worlds.index(one.key))
     rows: list[Mapping[str, Cell]] = []
-    for _, world in itertools.groupby(compared, key=lambda one: one.key):
-        means = [(_mean(record, measure, one.values), one) for one in world]
-        sign = 1.0 if wants_less else -1.0
-        means.sort(key=lambda of: (math.isnan(of[0].value), sign * of[0].value, _texts(of[1].contestant)))
-        for place, (estimate, one) in enumerate(means, 1):
+    for key, world in itertools.groupby(compared, key=lambda one: one.key):
+        for place, (one, score) in enumerate(ranked(record, list(world), "the first"), 1):
             row: dict[str, Cell] = {"world": one.cell} if len(worlds) > 1 else {}
             row |= {"rank": place, **dict(zip(factors, _texts(one.contestant, with_pin=False), strict=True))}
-            row |= {measure: estimate, **_cells(record, one)}
-            row |= {"verdict": "the first"} if one.contestant == first else {}
-            for score in beside:
-                if (seeds := values.get((*one.contestant, *one.key, score))) is not None:
-                    row[score] = _mean(record, score, seeds)
+            row |= score
+            for other in beside:
+                if (seeds := values.get((*one.contestant, *key, other))) is not None:
+                    row[other] = seed_mean(record, other, seeds)
             rows.append(row)
-    order = f"Ranked by {in_words(measure)}, {'the lowest' if wants_less else 'the highest'} first"
-    title = f"{order}; differences from {' + '.join(_texts(first, with_pin=False))} {HOW}"
+    best = "the lowest" if record.wants_less(measure) else "the highest"
+    title = (
+        f"Ranked by {in_words(measure)}, {best} first; "
+        f"differences from {' + '.join(_texts(first, with_pin=False))} {HOW}"
+    )
     labels = {score: in_words(score) for score in (measure, *beside)}
     called = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
     name, notes = f"leaderboard_{measure}", _notes(compared, called)
@@ -444,17 +445,15 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
         parts: dict[Key, Results] = {(float(name),): part for name, part in results.by_value(x).items()}
         panels = _curves(_scores(record, parts, [x]), x, label)
     if y is not None:
-        main = list(panels)
-        panels = panels if y in panels else _number_columns(results, x)
-        if y not in panels:
-            nearest = nearest_name(y, [*main, *panels])
-            raise InputError(f"{results.directory}: --y {y}: no such column{nearest}")
-        panels = {y: panels[y]}
+        known = panels if y in panels else {**panels, **_number_columns(results, x)}
+        if y not in known:
+            raise InputError(f"{results.directory}: --y {y}: no such column{nearest_name(y, [*known])}")
+        panels = {y: known[y]}
     if not panels:
         raise InputError(f"{key}: no main score to draw; give a column by --y")
     means = {
         measure: {
-            cell: {at: _mean(record, measure, seeds) for at, seeds in points.items()}
+            cell: {at: seed_mean(record, measure, seeds) for at, seeds in points.items()}
             for cell, points in curves.items()
         }
         for measure, curves in panels.items()
@@ -477,26 +476,22 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
 def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
     """Figures of the factor that a campaign's key ``compare`` names; else of each long numeric factor.
 
-    None where the experiment's own figures show the factors, or without main scores.
+    None where the experiment's own figures show the factors, or without main scores or finished trials.
     """
-    record = experiment_of(results)
-    compared = compared_values(results)
-    if compared is not None:
-        return [compared]
-    if record.measures is None or (record.has_figures and not record.sweeps_beside) or not results.finished:
+    record, grid = experiment_of(results), results.definition.grid
+    if record.measures is None or not results.finished:
         return []
-    grid = results.definition.grid
+    if results.definition.compare is not None:
+        return [_compared_values(results, record)]
+    if record.has_figures and not record.sweeps_beside:
+        return []
     return [sweep(results, x) for x in grid if len(grid[x]) >= FEWEST and _is_numeric(results, x)]
 
 
-def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
-    """The comparison of the campaign's key ``compare``: a row for each value, cell and score; and its figure.
-
-    None without that key, main scores or finished trials.
-    """
-    record, preset = experiment_of(results), results.definition.compare
-    if preset is None or record.measures is None or not results.finished:
-        return None
+def _compared_values(results: Results, record: Experiment) -> tuple[Table, "Figure"]:
+    """What the campaign's key ``compare`` asks for: a row for each value, cell and score; its figure."""
+    preset = results.definition.compare
+    assert preset is not None
     baseline, parts = str(preset.baseline), results.by_value(preset.by)
     ordered = list(dict.fromkeys([baseline, *parts]))
     frame = _scores(record, {(name,): parts[name] for name in ordered}, [preset.by])
@@ -507,9 +502,8 @@ def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
         value, change = str(one.contestant[0]), one.difference
         if value != baseline:
             row = {preset.by: value, "trial": one.cell, "measure": one.measure}
-            pair = {"baseline": change.before, "value": change.after}
-            rows.append({**row, **pair, **_cells(record, one)})
-        estimate = _mean(record, one.measure, one.values)
+            rows.append({**row, "baseline": change.before, "value": change.after, **_difference(record, one)})
+        estimate = seed_mean(record, one.measure, one.values)
         means.setdefault(one.measure, {}).setdefault(one.cell, {})[value] = estimate
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
     hidden = (*HIDDEN, "value", "baseline")
@@ -524,7 +518,7 @@ def _is_numeric(results: Results, factor: str) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def _number_columns(results: Results, x: str) -> Mapping[str, Curves]:
+def _number_columns(results: Results, x: str) -> dict[str, Curves]:
     """Every number of the tables with a row for each trial."""
     found: dict[str, Curves] = {}
     key = [*results.factors, "seed"]
@@ -546,110 +540,3 @@ def _curves(frame: pd.DataFrame, x: str, named: Callable[[Sequence[str], Key], s
         curves = found.setdefault(str(measure), {})
         curves.setdefault(named(names, tuple(others)), {})[float(str(at))] = values
     return dict(found)
-
-
-def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
-    """What is off between a campaign's numbers and expected ones, a line each; and how it was judged.
-
-    Args:
-        run: the campaign's folder.
-        golden: a folder of expected numbers, or of another campaign; the committed numbers of the packaged
-            campaign that ``run`` is called by unless given.
-        update: make the campaign's numbers the committed ones instead.
-
-    Raises:
-        InputError: there are no such numbers, or an installed package is to be changed.
-    """
-    name = run.resolve().name
-    if golden is None:
-        if name not in TABLES:
-            raise InputError(
-                f"{run}: no numbers are committed for a campaign of this name; give their folder, or run "
-                f"{' or '.join(TABLES)}"
-            )
-        golden = shipped_folder(f"golden/{name}", f"results/reference/smoke/{name}")
-    if update and installed():
-        raise InputError("compare: --update changes the repository's numbers; run it in a checkout")
-    found = sorted(path.stem for path in golden.glob("*.csv") if path.stem != "timing")  # wall times
-    tables = TABLES.get(name) or tuple(found)
-    if update:
-        update_golden(run, golden, tables)
-        return [], ""
-    if failures := _rows(run / "failures.csv") if (run / "failures.csv").exists() else []:
-        return [f"{name}: {len(failures)} trials failed"], "and no number was compared"
-    same_platform, off = differences_from_golden(run, golden, tables)
-    how = "compared to the byte" if same_platform else "within another platform's bounds"
-    return [f"{name}: {line}" for line in off], how
-
-
-def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:
-    """Make the numbers of ``run`` the golden ones, with its platform. Raises InputError: one is not there."""
-    try:
-        numbers = {name: (run / f"{name}.csv").read_bytes() for name in tables}
-    except OSError as error:
-        raise InputError(f"{error.filename}: {error.strerror}; make it by 'midnet-bench report'") from error
-    for name, content in numbers.items():
-        write_atomically(golden / f"{name}.csv", content)
-    write_atomically(golden / PLATFORM, json.dumps(_platform(), indent=1) + "\n")
-
-
-def differences_from_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> tuple[bool, list[str]]:
-    """Whether every byte counts, and a line for each number of ``run`` that is off.
-
-    Every byte counts on the platform of the golden numbers, and in another campaign's folder.
-
-    Raises:
-        InputError: there are no golden numbers.
-    """
-    is_campaign = any((golden / name).exists() for name in ("campaign.sqlite", "configuration.json"))
-    try:
-        is_exact = is_campaign or json.loads((golden / PLATFORM).read_text()) == _platform()
-    except (OSError, ValueError) as error:
-        raise InputError(f"{golden / PLATFORM}: no golden numbers here; make them with --update") from error
-    return is_exact, [line for name in tables for line in _differing(run, golden, name, is_exact)]
-
-
-def _platform() -> Provenance:
-    here = collect(0)
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    # numerical libraries choose their code by what the processor can do
-    digest = hashlib.sha256(flags.encode()).hexdigest()[:16] if lines else ""
-    return {key: here[key] for key in SAME_PLATFORM} | {"processor_flags": digest}
-
-
-def _differing(run: Path, golden: Path, name: str, is_exact: bool) -> Iterator[str]:
-    drifts = {
-        (table, column): known.drift
-        for experiment in registry.names()
-        for table, its in registry.experiment(experiment).columns.items()
-        for column, known in its.columns.items()
-    }
-    ours, theirs = _rows(run / f"{name}.csv"), _rows(golden / f"{name}.csv")
-    if len(ours) != len(theirs):
-        yield f"{name}.csv: {len(ours)} rows, golden {len(theirs)}"
-    for number, (row, expected) in enumerate(zip(ours, theirs, strict=False), 1):
-        for column in expected:
-            drift = None if is_exact else drifts.get((name, column))
-            if not _agree(row.get(column, ""), expected[column], drift):
-                yield f"{name}.csv: row {number}: {column} {row.get(column)}, golden {expected[column]}"
-
-
-def _agree(ours: str, golden: str, drift: Drift | None) -> bool:
-    """``drift``: how far apart they may be; None if not at all."""
-    if drift is None or drift == ANY_DRIFT or not (ours and golden):
-        return drift == ANY_DRIFT or ours == golden
-    return abs(float(ours) - float(golden)) <= drift.absolute + drift.share * abs(float(golden))
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(newline="") as file:
-            return list(csv.DictReader(file))
-    except FileNotFoundError as error:
-        raise InputError(
-            f"{path}: no such table; make it with 'midnet-bench report {path.parent}'"
-        ) from error

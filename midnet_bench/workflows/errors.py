@@ -61,9 +61,8 @@ def explain(directory: str | Path, seed: int | None, frame: int, where: Sequence
     Raises:
         InputError: the trials were not recorded, several match, or there is no such trial or frame.
     """
-    whole = _recorded(directory, where)
-    seed = _only_seed(whole) if seed is None else seed
-    results = _of_seed(whole, seed)
+    results = _of_seed(_recorded(directory, where), seed)
+    seed = results.definition.base_seed
     if "recorded" not in results.tables or results.tables["recorded"].empty:
         raise InputError(f"{directory}: trials with an oracle record no frames; add --where oracle=none")
     frames = results.tables["recorded"]
@@ -92,13 +91,11 @@ def grids(
         InputError: as :func:`explain`.
     """
     explain(directory, seed, frame, where)
-    results = _recorded(directory, where)
-    definition = results.definition
+    definition = _of_seed(_recorded(directory, where), seed).definition
     if definition.grid:
         raise InputError(f"{directory}: name one value of {', '.join(definition.grid)} by --where")
     parameters = {**definition.parameters, "record": False}
-    seed = _only_seed(results) if seed is None else seed
-    return render_trial(definition.experiment, parameters, seed, output, frame, clip=False)
+    return render_trial(definition.experiment, parameters, definition.base_seed, output, frame, clip=False)
 
 
 def versus(
@@ -171,24 +168,15 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
     return results
 
 
-def _seeds(results: Results) -> list[int]:
-    return sorted(set(results.table("frames")["seed"].tolist()))
-
-
-def _only_seed(results: Results) -> int:
-    seeds = _seeds(results)
-    if len(seeds) > 1:
-        raise InputError(
-            f"--frame: {results.directory} has seeds {seeds[0]} to {seeds[-1]}; name one by --seed"
-        )
-    return seeds[0]
-
-
-def _of_seed(results: Results, seed: int) -> Results:
-    known = _seeds(results)
+def _of_seed(results: Results, seed: int | None) -> Results:
+    """The trials of one seed; the only one unless given. Raises InputError."""
+    known = sorted(set(results.table("frames")["seed"].tolist()))
+    has = f"{results.directory} has seeds {known[0]} to {known[-1]}"
+    if seed is None and len(known) > 1:
+        raise InputError(f"--frame: {has}; name one by --seed")
+    seed = known[0] if seed is None else seed
     if seed not in known:
-        has = f"only seed {known[0]}" if len(known) == 1 else f"seeds {known[0]} to {known[-1]}"
-        raise InputError(f"--seed {seed}: was not recorded; {results.directory} has {has}")
+        raise InputError(f"--seed {seed}: was not recorded; {has}")
     return results.of_seed(seed)
 
 
@@ -212,43 +200,42 @@ def _worst_frames(results: Results) -> Table:
     return Table("worst_frames", "Frames with most errors", rows)
 
 
-def _counted(count: int, one: str, several: str) -> str:
-    return f"{count} {one if count == 1 else several}"
-
-
 def _summary(recorded: RecordedFrame, seed: int, found: Sequence[Row]) -> str:
     kinds = Counter(str(row["kind"]) for row in found)
-    in_range = sum(truth.in_range for truth in recorded.truths)
-    errors = ", ".join(_counted(kinds[kind], one, several) for kind, (_, one, several) in NAMES.items())
+
+    def counted(count: int, one: str, several: str) -> str:
+        return f"{count} {one if count == 1 else several}"
+
+    in_range = counted(sum(truth.in_range for truth in recorded.truths), "intruder", "intruders")
+    errors = ", ".join(counted(kinds[kind], one, several) for kind, (_, one, several) in NAMES.items())
     return (
-        f"seed {seed}, frame {recorded.number} ({recorded.number * FRAME_S:.1f} s): "
-        f"{_counted(in_range, 'intruder', 'intruders')} in range, "
-        f"{_counted(len(recorded.detections), 'box', 'boxes')}: {errors} on an intruder"
+        f"seed {seed}, frame {recorded.number} ({recorded.number * FRAME_S:.1f} s): {in_range} in range, "
+        f"{counted(len(recorded.detections), 'box', 'boxes')}: {errors} on an intruder"
     )
 
 
 def _sentence(row: Row, recorded: RecordedFrame) -> str:
     """One error in a line."""
-    kind, cause, guard, by = str(row["kind"]), str(row["cause"]), int(str(row["guard"])), row["by"]
+    kind, cause, guard = str(row["kind"]), str(row["cause"]), int(str(row["guard"]))
     x_min, y_min, x_max, y_max, age_s, offset_m = (float(str(row[name])) for name in _NUMBERS)
     if kind == "miss":
         what, meaning = str(row["intruder"]), MISS_CAUSES[cause]
     else:
         what, meaning = f"{100 * (x_max - x_min):.0f} x {100 * (y_max - y_min):.0f} cm", FALSE_CAUSES[cause]
-    details = [f"guard {guard}"] if guard else []
-    if isinstance(by, str) and by:
-        details.append(by)
-    if age_s > 0.0:
-        details.append(f"returns {age_s:.2f} s old")
-    if offset_m > 0.0:
-        details.append(f"off by {100 * offset_m:.1f} cm")
-    robot = recorded.robots[guard - 1] if guard else None
-    if cause in _BY_POSE and robot is not None:
+    details = [f"guard {guard}"] * (guard > 0)
+    details += [str(row["by"])] * (isinstance(row["by"], str) and row["by"] != "")
+    details += [f"returns {age_s:.2f} s old"] * (age_s > 0.0)
+    details += [f"off by {100 * offset_m:.1f} cm"] * (offset_m > 0.0)
+    if cause in _BY_POSE and guard and (robot := recorded.robots[guard - 1]) is not None:
         degrees = math.degrees(abs(robot.believed.relative_to(robot.pose).yaw))
         details.append(
             f"pose estimate of guard {guard} off by {100 * robot.pose.distance_to(robot.believed):.1f} cm "
             f"and {degrees:.1f} degrees"
         )
     center = f"({(x_min + x_max) / 2:.2f}, {(y_min + y_max) / 2:.2f}) m"
-    text = f"{NAMES[kind][0]}: {what} at {center}. Cause: {cause} ({meaning})"
-    return text + (f". {'; '.join(details)}" if details else "")
+    return ". ".join(
+        [
+            f"{NAMES[kind][0]}: {what} at {center}. Cause: {cause} ({meaning})",
+            *filter(None, ["; ".join(details)]),
+        ]
+    )

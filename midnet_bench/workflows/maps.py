@@ -56,17 +56,18 @@ class MadeMap(NamedTuple):
 
 @dataclass(frozen=True)
 class MapFiles:
-    """The paths of a map's files."""
+    """The paths of a map's files, and what the map is made from."""
 
     map: Path  # its YAML file
     prefix: str  # of the names of all files that are not called after the map
+    configuration: Mapping[str, Any]
 
     @classmethod
-    def at(cls, output: Path) -> "MapFiles":
+    def at(cls, output: Path, configuration: Mapping[str, Any]) -> "MapFiles":
         """``output``/map.yaml and so on; or, if ``output`` names a YAML file, that one and files beside it.
 
-        The folder is made. Raises InputError if the map cannot be written there, MidnetBenchError if the disk
-        is full.
+        The folder is made. Raises InputError if the map cannot be written there, or one of another
+        configuration is there, which is not overwritten; MidnetBenchError if the disk is full.
         """
         is_map = output.suffix in (".yaml", ".yml")
         folder = output.parent if is_map else output
@@ -76,11 +77,21 @@ class MapFiles:
                 pass
         except OSError as error:
             raise cannot_be_written(folder, error) from error
-        files = cls(output, f"{output.stem}_") if is_map else cls(output / "map.yaml", "")
+        at, prefix = (output, f"{output.stem}_") if is_map else (output / "map.yaml", "")
+        files = cls(at, prefix, configuration)
         for yaml_path in (files.map, files.binary):
             for path in (yaml_path, yaml_path.with_suffix(".pgm")):
                 if path.is_dir():
                     raise InputError(f"{path}: a folder is where the map goes; give another place with -o")
+        path = files.named(CONFIGURATION)
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            found = None
+        if found != json.loads(json.dumps(configuration)) and (path.exists() or at.exists()):
+            raise InputError(
+                f"{at}: the map of another run is there; give another place with -o, or remove it first"
+            )
         return files
 
     @property
@@ -92,28 +103,13 @@ class MapFiles:
         """The file of that name; beside a map of a given name, led by the map's."""
         return self.map.with_name(f"{self.prefix}{name}")
 
-    def refuse_another(self, configuration: Mapping[str, Any]) -> None:
-        """Raises InputError if a map of another configuration is there; it is not overwritten."""
-        path = self.named(CONFIGURATION)
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            found = None
-        is_same = found == json.loads(json.dumps(configuration))
-        if not is_same and (path.exists() or self.map.exists()):
-            raise InputError(
-                f"{self.map}: the map of another run is there; give another place with -o, or remove it first"
-            )
-
-    def write_map(
-        self, grid: OccupancyGrid, comment: str, configuration: Mapping[str, Any], **parameters: Scalar
-    ) -> list[Path]:
+    def write_map(self, grid: OccupancyGrid, comment: str, **parameters: Scalar) -> list[Path]:
         """Write the configuration, the map and the binary grid; the two YAML files.
 
         ``parameters`` are those of :func:`prior_map` that are not to have their default.
         """
         # the configuration first: it says what the files after it are
-        write_atomically(self.named(CONFIGURATION), json.dumps(configuration, indent=1) + "\n")
+        write_atomically(self.named(CONFIGURATION), json.dumps(self.configuration, indent=1) + "\n")
         save_map(grid, self.map, comment=comment)
         save_binary_map(prior_map(grid, **parameters), self.binary)
         return [self.map, self.binary]
@@ -158,8 +154,7 @@ def explore(
     provenance = collect(seed)
     configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.flat_values()}
     with ExplorationTrial(parameters, seed, threads=cores()) as trial:
-        files = MapFiles.at(output)
-        files.refuse_another(configuration)
+        files = MapFiles.at(output, configuration)
         history, start = MapHistory(), trial.layout.robots[0]
         within_reach = reachable_free(trial.truth(), (start.x, start.y), trial.robot.radius_m)
         for snapshot in trial.snapshots():
@@ -169,17 +164,14 @@ def explore(
         plan = FloorPlan.of(trial.arena, trial.layout, seed)
         kind = trial.robot.name.removeprefix("TurtleBot3 ")
         team = f"explored by {parameters.robots} {kind}{'s' if parameters.robots > 1 else ''}"
-        comment = f"{plan.title}: {team}; midnet-bench {midnet_bench.__version__}"
-        written = files.write_map(found.grid, comment, configuration)
-        written += files.write_pictures(
-            png_of(draw_map(found.grid, history.paths(), f"{plan.title}: {team}", plan.walls)),
-            Growth(history, f"{plan.title}: {team}", plan),
-            clip,
-        )
+        title = f"{plan.title}: {team}"
+        picture = draw_map(found.grid, history.paths(), title, plan.walls)
+        written = files.write_map(found.grid, f"{title}; midnet-bench {midnet_bench.__version__}")
+        written += files.write_pictures(png_of(picture), Growth(history, title, plan), clip)
         robots = trial.rows_of_robots()
     row: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
     scores = Table("scores", "The map against the arena", [{**row, **found.row()}], DIGITS)
-    written += scores.write(files.named("scores").parent, files.named("scores").name)
+    written += scores.write(files.map.parent, files.named("scores").name)
     write_atomically(files.named("robots.csv"), csv_text(robots))
     written += [files.named("robots.csv"), *files.write_provenance(provenance)]
     return MadeMap(found.grid, written, found.warnings, scores)
@@ -229,22 +221,17 @@ def map_log(
     else:
         configuration["gmapping"] = asdict(replace(RECORDED_LOG, particles=particles))
         by = f"GMapping with {particles} particles, seed {seed}"
-    files = MapFiles.at(output)
-    files.refuse_another(configuration)
-    history = MapHistory()
+    files, history = MapFiles.at(output, configuration), MapHistory()
     result = map_scans(
         log, particles, seed, progress, lambda done, slam: history.take(log_snapshot(done, slam)), cores()
     )
     comment = f"{name}, {result.scans} scans, by {by}"
-    written = files.write_map(result.grid, comment, configuration)
+    written = files.write_map(result.grid, comment)
     trajectory = files.named("trajectory.tum")
     warnings = result.warnings + write_trajectory(result, log.path, trajectory)
-    pictures = files.write_pictures(
-        png_of(draw_map(result.grid, [result.trajectory.poses], comment)),
-        Growth(history, comment),
-        clip,
-    )
-    written += [trajectory, *pictures, *files.write_provenance(provenance)]
+    picture = png_of(draw_map(result.grid, [result.trajectory.poses], comment))
+    written += [trajectory, *files.write_pictures(picture, Growth(history, comment), clip)]
+    written += files.write_provenance(provenance)
     return MadeMap(result.grid, written, warnings)
 
 
@@ -280,13 +267,12 @@ def draw(settings: Mapping[str, Scalar], output: Path) -> MadeMap:
     """
     chosen, values = _exact_settings(settings, "an exact map", ("arena", *SET_BY_EXACT))
     grid = prior_map_from(EXACT, chosen.arena, chosen.resolution_m)
-    return _write_exact(
-        grid, {"map": EXACT, **values}, f"{arena_from(chosen.arena).name}, drawn exactly", output
-    )
+    comment = f"{arena_from(chosen.arena).name}, drawn exactly"
+    return _write_exact(grid, {"map": EXACT, **values}, comment, output)
 
 
 def resample(path: Path, settings: Mapping[str, Scalar], output: Path) -> MadeMap:
-    """Write a map_server map in cells of another size, with its binary grid and what it was made from.
+    """Write a map_server map in cells of another size, as :func:`draw` does.
 
     Args:
         path: the map's YAML file.
@@ -318,8 +304,7 @@ def _exact_settings(
 def _write_exact(
     grid: OccupancyGrid, configuration: Mapping[str, Scalar], comment: str, output: Path
 ) -> MadeMap:
-    files = MapFiles.at(output)
-    files.refuse_another(configuration)
+    files = MapFiles.at(output, configuration)
     binary = {name: configuration[name] for name in PRIOR_MAP_PARAMETERS}
-    written = files.write_map(grid, comment, configuration, **binary)
+    written = files.write_map(grid, comment, **binary)
     return MadeMap(grid, [*written, files.named(CONFIGURATION)], [])

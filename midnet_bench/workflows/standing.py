@@ -8,7 +8,7 @@ import contextlib
 import hashlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +17,8 @@ import pandas as pd
 from midnet_bench.agents.agent_settings import PATROLS
 from midnet_bench.analysis import compare as analysis
 from midnet_bench.analysis.compare import MEASURE, Key, joined, series
-from midnet_bench.analysis.frames import CONFIGURATION, Results, load_results, records
-from midnet_bench.analysis.statistics import Estimate, mean
+from midnet_bench.analysis.frames import CONFIGURATION, Results, load_results
+from midnet_bench.analysis.statistics import Estimate, exact_mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import VARIANT, Scalar
@@ -28,12 +28,13 @@ from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import shipped_folder, write_atomically
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.workflows.check import detector_ms
+from midnet_bench.workflows.compare import HIDDEN, ranked, seed_mean
 
-PAPER = ("midnet", "paper", "paper")
-METHOD = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS))  # the parameters that make a method
+METHOD = {DETECTORS.option: "midnet", FUSIONS.option: "paper", PATROLS.option: "paper"}
+"""parameter that is part of a method -> the paper's own"""
+PAPER = tuple(METHOD.values())
 SCORE, BESIDE = "f1_one_to_one", "gospa_per_frame_m"  # what methods are sorted by, and what stands beside it
 NAME, COSTS, YOURS = "leaderboard", "cost", " (yours)"
-LEFT_OUT = ("seeds", "outlier_seed", "p_holm")  # columns that the page does without
 DIGITS = 8  # of a row's digest
 
 
@@ -49,21 +50,17 @@ def is_standard(definition: Definition) -> bool:
     except OSError:
         return False
     # a parameter that only one of both knows came later, or is fixed by now: at its default either way
-    common = (definition.parameters.keys() & protocol.parameters.keys()) - {*METHOD}
-    return _protocol(definition, common) == _protocol(protocol, common)
-
-
-def _protocol(definition: Definition, common: Set[str]) -> tuple[object, ...]:
-    """What has to agree of two campaigns with ``common`` parameters."""
-    others = {factor: values for factor, values in definition.grid.items() if factor not in METHOD}
-    return (
-        definition.experiment,
-        definition.base_seed,
-        definition.trials,
-        {key: definition.parameters[key] for key in common},
-        others,
-        definition.variants,
+    common = (definition.parameters.keys() & protocol.parameters.keys()) - METHOD.keys()
+    ours, theirs = (
+        replace(
+            one,
+            grid={factor: values for factor, values in one.grid.items() if factor not in METHOD},
+            parameters={key: one.parameters[key] for key in common},
+            compare=None,
+        )
+        for one in (definition, protocol)
     )
+    return ours == theirs
 
 
 def costs_of(results: Results) -> Table:
@@ -96,53 +93,36 @@ def standing(results: Results, costs: Mapping[str, float]) -> Table:
         InputError: trials are missing.
     """
     reference = load_results(reference_folder(), tables_of)
-    shipped = _scores_of(reference)
-    own = _scores_of(results)
-    methods = {**own, **shipped}
+    record, shipped = experiment_of(reference), _scores_of(reference)
+    methods = {**_scores_of(results), **shipped}
     methods = {PAPER: methods.pop(PAPER), **methods}  # the baseline stands first
-    frame = joined(methods, METHOD)
-    record = experiment_of(reference)
+    frame = joined(methods, [*METHOD])
+    grounds = list(dict.fromkeys(frame[VARIANT]))
+    on_ground = series(frame, [*METHOD, MEASURE, VARIANT])
     keys = [*METHOD, "seed", MEASURE]
-    grouped = series(frame, [*METHOD, "seed", MEASURE, VARIANT])
-    by_trial: dict[Key, list[float]] = {}
-    for (*key, _), values in grouped.items():
-        by_trial.setdefault(tuple(key), []).extend(values.values())
-    over_all = pd.DataFrame(
-        [(*key, _mean_of(values)) for key, values in by_trial.items()], columns=[*keys, "value"]
-    )
-    compared = analysis.compare(over_all, METHOD, record.range_of, [SCORE], with_baseline=True)
-    by_ground = series(frame, [*METHOD, VARIANT, MEASURE])
+    over_all = frame.groupby(keys, sort=False, dropna=False)["value"].agg(_mean_of).reset_index()
+    compared = analysis.compare(over_all, [*METHOD], record.range_of, [SCORE], with_baseline=True)
     beside = series(over_all, [*METHOD, MEASURE])
-    first, grounds = compared[0].contestant, list(dict.fromkeys(frame[VARIANT]))
-    rows: list[Mapping[str, Cell]] = []
-    for one in compared:
-        score = mean(list(one.values.values()), within=record.range_of(SCORE))
-        gospa = mean(list(beside[(*one.contestant, BESIDE)].values()), within=record.range_of(BESIDE))
-        each = {
-            ground: _mean_of(list(by_ground[(*one.contestant, ground, SCORE)].values())) for ground in grounds
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "rank": place,
+            "method": name_of(one.contestant) + YOURS * (one.contestant not in shipped),
+            **score,
+            **{ground: _mean_of(on_ground[*one.contestant, SCORE, ground].values()) for ground in grounds},
+            BESIDE: seed_mean(record, BESIDE, beside[*one.contestant, BESIDE]),
+            "cost": costs.get(str(one.contestant[0]), math.nan),
+            "digest": digest_of(methods[one.contestant]),
         }
-        rows.append(
-            {
-                "method": name_of(one.contestant) + YOURS * (one.contestant not in shipped),
-                SCORE: score,
-                **analysis.columns_of(one.difference, wants_less=False),
-                **({"verdict": "the paper's"} if one.contestant == first else {}),
-                **each,
-                BESIDE: gospa,
-                "cost": costs.get(str(one.contestant[0]), math.nan),
-                "digest": digest_of(methods[one.contestant]),
-            }
-        )
-    rows.sort(key=lambda row: -_value(row[SCORE]))
-    rows = [{"rank": rank, **row} for rank, row in enumerate(rows, 1)]
-    labels = {
-        SCORE: "F1 one-to-one",
-        BESIDE: "GOSPA, m",
-        "cost": "cost, x midnet",
-        "difference": "less the paper's",
-    }
+        for place, (one, score) in enumerate(ranked(record, compared, "the paper's"), 1)
+    ]
+    labels = {SCORE: "F1 one-to-one", BESIDE: "GOSPA, m", "cost": "cost, x midnet"}
+    labels |= {"difference": "less the paper's"}
     hidden = (*grounds, "difference", BESIDE, "cost", "digest", "seeds", "outlier_seed", "p_holm")
-    title = f"Standard test, seeds {_seeds(reference)}: mean over {len(grounds)} grounds"
+    seeds = reference.definition
+    title = (
+        f"Standard test, seeds {seeds.base_seed} to {seeds.base_seed + seeds.trials - 1}: "
+        f"mean over {len(grounds)} grounds"
+    )
     return Table(NAME, title, rows, {"p_holm": 4, "cost": 1}, labels=labels, beside=hidden)
 
 
@@ -153,43 +133,36 @@ def _scores_of(results: Results) -> dict[Key, pd.DataFrame]:
     definition = results.definition
     if results.finished != definition.cells * definition.trials:
         raise InputError(f"{results.directory}: trials are missing; run the same command again")
-    axes = [(name, _values(definition, name)) for name in METHOD]
     found: dict[Key, pd.DataFrame] = {}
-    for key in itertools.product(*(values for _, values in axes)):
+    for key in itertools.product(*(_values(definition, name) for name in METHOD)):
         part = results
-        for (name, _), value in zip(axes, key, strict=True):
+        for name, value in zip(METHOD, key, strict=True):
             part = part.by_value(name)[str(value)] if name in definition.grid else part
         found[tuple(map(str, key))] = record.measures(part)
     return found
 
 
 def _values(definition: Definition, name: str) -> Sequence[Scalar]:
-    usual = {"detector": "midnet", "fusion": "paper", "patrol": "paper"}[name]
-    return definition.grid.get(name) or [definition.parameters.get(name, usual)]
+    return definition.grid.get(name) or [definition.parameters.get(name, METHOD[name])]
 
 
 def name_of(method: Key) -> str:
     """``clusters + components(iou=0.02)``: what is not the paper's own; else ``midnet``."""
-    detector, fusion, patrol = (str(part).partition("#")[0] for part in method)
-    parts = [detector, *([fusion] if fusion != "paper" else []), *([patrol] if patrol != "paper" else [])]
-    return " + ".join(parts)
+    detector, *others = (str(part).partition("#")[0] for part in method)
+    return " + ".join([detector, *(part for part in others if part != "paper")])
 
 
 def digest_of(scores: pd.DataFrame) -> str:
     """Hexadecimal digits that only the same scores give, to the last bit."""
     kept = scores.sort_values([VARIANT, "seed", MEASURE], kind="stable")
-    text = "\n".join(
-        f"{ground} {seed} {measure} {float(value)!r}"
-        for ground, seed, measure, value in zip(
-            kept[VARIANT], kept["seed"], kept[MEASURE], kept["value"], strict=True
-        )
-    )
+    rows = kept[[VARIANT, "seed", MEASURE, "value"]].itertuples(index=False, name=None)
+    text = "\n".join(f"{ground} {seed} {measure} {float(value)!r}" for ground, seed, measure, value in rows)
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
 def page(table: Table) -> str:
     """``leaderboard.md``."""
-    rows = [{name: cell for name, cell in row.items() if name not in LEFT_OUT} for row in table.rows]
+    rows = [{name: cell for name, cell in row.items() if name not in HIDDEN} for row in table.rows]
     return f"""# Leaderboard
 
 Five guards in Map 1, in an office, among people who walk, and among people who stand still:
@@ -218,8 +191,7 @@ def headline(results: Results) -> Headline:
     table = standing(results, {**_stored_costs(reference_folder()), **own})
     write_atomically(results.directory / f"{NAME}.md", page(table))
     table.write(results.directory)
-    first, *_ = table.rows
-    lines = [f"The best is {first['method']} with {_text(first[SCORE])}."]
+    lines = [f"The best is {table.rows[0]['method']} with {_text(table.rows[0][SCORE])}."]
     for row in table.rows:
         if str(row["method"]).endswith(YOURS):
             cost = float(str(row["cost"]))
@@ -228,21 +200,19 @@ def headline(results: Results) -> Headline:
                 f"the paper's: {row['verdict']}; digest {row['digest']}"
                 + ("." if math.isnan(cost) else f"; a frame costs {cost:.1f} times midnet's.")
             )
-    lines += repeated(results)
     notes = [
         "F1 one-to-one counts a second box on an intruder as false; intervals of 95 % over seeds.",
         "Verdicts by Holm at 5 %, seed by seed against the paper's method.",
     ]
-    return Headline([table], lines, notes, "docs/leaderboard.md says how to send a row.")
+    return Headline([table], lines + _repeated(results), notes, "docs/leaderboard.md says how to send a row.")
 
 
 def _stored_costs(directory: Path) -> dict[str, float]:
     path = directory / f"{COSTS}.csv"
-    rows = records(pd.read_csv(path)) if path.exists() else []
-    return {str(row["detector"]): float(str(row["times_midnet"])) for row in rows}
+    return dict(pd.read_csv(path).set_index("detector")["times_midnet"]) if path.exists() else {}
 
 
-def repeated(results: Results) -> list[str]:
+def _repeated(results: Results) -> list[str]:
     """A line for each shipped method that a campaign ran again: whether every score is the committed one."""
     if results.directory.resolve() == reference_folder().resolve():
         return []
@@ -261,16 +231,6 @@ def _text(cell: Cell) -> str:
     return f"{cell.value:.3f} [{cell.low:.3f}, {cell.high:.3f}]"
 
 
-def _mean_of(values: Sequence[float]) -> float:
+def _mean_of(values: Iterable[float]) -> float:
     kept = [float(value) for value in values if not math.isnan(value)]
-    return math.fsum(kept) / len(kept) if kept else math.nan
-
-
-def _value(cell: Cell) -> float:
-    assert isinstance(cell, Estimate)
-    return -math.inf if math.isnan(cell.value) else cell.value
-
-
-def _seeds(results: Results) -> str:
-    definition = results.definition
-    return f"{definition.base_seed} to {definition.base_seed + definition.trials - 1}"
+    return exact_mean(kept) if kept else math.nan

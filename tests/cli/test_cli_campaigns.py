@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from midnet_bench.workflows.compare import TABLES
+from midnet_bench.workflows.golden import TABLES
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, worked
 
 CAMPAIGNS = sorted((REPOSITORY / "campaigns").glob("*.yaml"))

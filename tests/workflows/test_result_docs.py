@@ -12,7 +12,7 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.tables import TIMING_TABLE
 from midnet_bench.experiments.columns import DETECTION, LABYRINTH, MAPPING
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.workflows.compare import compare, compared_values
+from midnet_bench.workflows.compare import compare, sweeps
 from midnet_bench.workflows.verify import power_report, verify
 
 REPOSITORY = Path(__file__).parents[2]
@@ -81,9 +81,7 @@ def test_every_column_of_a_reference_is_described(name: str) -> None:
 
 
 def test_every_column_of_the_comparison_of_variants_is_described() -> None:
-    made = compared_values(load_results(REFERENCES / "robustness", tables_of))
-    assert made is not None
-    table, _ = made
+    ((table, _),) = sweeps(load_results(REFERENCES / "robustness", tables_of))
     assert table.to_csv() == (REFERENCES / "robustness" / "differences_by_variant.csv").read_text(
         encoding="utf-8"
     )

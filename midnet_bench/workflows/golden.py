@@ -1,0 +1,122 @@
+"""``compare --exact``: a campaign's numbers beside committed ones, to the byte or nearly so."""
+
+import csv
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from midnet_bench.campaign.provenance import Provenance, collect
+from midnet_bench.campaign.tables import ANY_DRIFT, Drift
+from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
+from midnet_bench.io.files import installed, shipped_folder, write_atomically
+
+TABLES = {"smoke-detection": ("scores", "robots"), "smoke-labyrinth": ("trial", "intruders", "robots")}
+"""packaged campaign -> its tables that have committed numbers"""
+PLATFORM = "platform.json"
+SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
+
+
+def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
+    """What is off between a campaign's numbers and expected ones, a line each; and how it was judged.
+
+    Args:
+        run: the campaign's folder.
+        golden: a folder of expected numbers, or of another campaign; the committed numbers of the packaged
+            campaign that ``run`` is called by unless given.
+        update: make the campaign's numbers the committed ones instead.
+
+    Raises:
+        InputError: there are no such numbers, or an installed package is to be changed.
+    """
+    name = run.resolve().name
+    if golden is None:
+        if name not in TABLES:
+            raise InputError(
+                f"{run}: no numbers are committed for a campaign of this name; give their folder, or run "
+                f"{' or '.join(TABLES)}"
+            )
+        golden = shipped_folder(f"golden/{name}", f"results/reference/smoke/{name}")
+    if update and installed():
+        raise InputError("compare: --update changes the repository's numbers; run it in a checkout")
+    found = sorted(path.stem for path in golden.glob("*.csv") if path.stem != "timing")  # wall times
+    tables = TABLES.get(name) or tuple(found)
+    if update:
+        update_golden(run, golden, tables)
+        return [], ""
+    if (run / "failures.csv").exists() and (failures := _rows(run, "failures")):
+        return [f"{name}: {len(failures)} trials failed"], "and no number was compared"
+    is_exact, off = differences_from_golden(run, golden, tables)
+    how = "compared to the byte" if is_exact else "within another platform's bounds"
+    return [f"{name}: {line}" for line in off], how
+
+
+def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:
+    """Make the numbers of ``run`` the golden ones, with its platform. Raises InputError: one is not there."""
+    try:
+        numbers = {f"{name}.csv": (run / f"{name}.csv").read_bytes() for name in tables}
+    except OSError as error:
+        raise InputError(f"{error.filename}: {error.strerror}; make it by 'midnet-bench report'") from error
+    for name, content in {**numbers, PLATFORM: json.dumps(_platform(), indent=1) + "\n"}.items():
+        write_atomically(golden / name, content)
+
+
+def differences_from_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> tuple[bool, list[str]]:
+    """Whether every byte counts, and a line for each number of ``run`` that is off.
+
+    Every byte counts on the platform of the golden numbers, and in another campaign's folder.
+
+    Raises:
+        InputError: there are no golden numbers.
+    """
+    is_campaign = any((golden / name).exists() for name in ("campaign.sqlite", "configuration.json"))
+    try:
+        is_exact = is_campaign or json.loads((golden / PLATFORM).read_text()) == _platform()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{golden / PLATFORM}: no golden numbers here; make them with --update") from error
+    drifts = {
+        (table, column): known.drift
+        for experiment in registry.names()
+        for table, its in registry.experiment(experiment).columns.items()
+        for column, known in its.columns.items()
+    }
+    return is_exact, [line for name in tables for line in _off(run, golden, name, {} if is_exact else drifts)]
+
+
+def _platform() -> Provenance:
+    here = collect(0)
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    # numerical libraries choose their code by what the processor can do
+    digest = hashlib.sha256(flags.encode()).hexdigest()[:16] if lines else ""
+    return {key: here[key] for key in SAME_PLATFORM} | {"processor_flags": digest}
+
+
+def _off(run: Path, golden: Path, name: str, drifts: dict[tuple[str, str], Drift | None]) -> Iterator[str]:
+    ours, theirs = _rows(run, name), _rows(golden, name)
+    if len(ours) != len(theirs):
+        yield f"{name}.csv: {len(ours)} rows, golden {len(theirs)}"
+    for number, (row, expected) in enumerate(zip(ours, theirs, strict=False), 1):
+        for column in expected:
+            if not _agree(row.get(column, ""), expected[column], drifts.get((name, column))):
+                yield f"{name}.csv: row {number}: {column} {row.get(column)}, golden {expected[column]}"
+
+
+def _agree(ours: str, golden: str, drift: Drift | None) -> bool:
+    """``drift``: how far apart they may be; None if not at all."""
+    if drift is None or drift == ANY_DRIFT or not (ours and golden):
+        return drift == ANY_DRIFT or ours == golden
+    return abs(float(ours) - float(golden)) <= drift.absolute + drift.share * abs(float(golden))
+
+
+def _rows(folder: Path, name: str) -> list[dict[str, str]]:
+    path = folder / f"{name}.csv"
+    try:
+        with path.open(newline="") as file:
+            return list(csv.DictReader(file))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such table; make it with 'midnet-bench report {folder}'") from error
