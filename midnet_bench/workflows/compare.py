@@ -289,14 +289,14 @@ def worse(found: Comparison, measure: str) -> list[str]:
     known = list(dict.fromkeys(str(row["measure"]) for row in rows))
     if measure not in known:
         raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
-    return [
-        f"{measure} is worse: {', '.join(filter(None, (name, str(row['trial']))))}: "
-        f"{signed(row['difference'])}, p {row['p_holm']:.2g}"  # type: ignore[arg-type]
-        for row in rows
-        if row["measure"] == measure and row["verdict"] == WORSE
-        for name in list(found.campaigns)[1:]
-        if name in row
-    ]
+    lines = []
+    for row in rows:
+        change = row["difference"]
+        if row["measure"] == measure and row["verdict"] == WORSE and isinstance(change, Estimate):
+            (name,) = [name for name in list(found.campaigns)[1:] if name in row]
+            cell = ", ".join(filter(None, (name, str(row["trial"]))))
+            lines.append(f"{measure} is worse: {cell}: {signed(change)}, p {row['p_holm']:.2g}")
+    return lines
 
 
 def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = None) -> list[Table]:

@@ -58,8 +58,9 @@ def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:
         numbers = {f"{name}.csv": (run / f"{name}.csv").read_bytes() for name in tables}
     except OSError as error:
         raise InputError(f"{error.filename}: {error.strerror}; make it by 'midnet-bench report'") from error
-    for name, content in {**numbers, PLATFORM: json.dumps(_platform(), indent=1) + "\n"}.items():
+    for name, content in numbers.items():
         write_atomically(golden / name, content)
+    write_atomically(golden / PLATFORM, json.dumps(_platform(), indent=1) + "\n")
 
 
 def differences_from_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> tuple[bool, list[str]]:

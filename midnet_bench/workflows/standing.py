@@ -209,7 +209,12 @@ def headline(results: Results) -> Headline:
 
 def _stored_costs(directory: Path) -> dict[str, float]:
     path = directory / f"{COSTS}.csv"
-    return dict(pd.read_csv(path).set_index("detector")["times_midnet"]) if path.exists() else {}
+    if not path.exists():
+        return {}
+    costs = pd.read_csv(path)
+    return {
+        str(name): float(times) for name, times in zip(costs["detector"], costs["times_midnet"], strict=True)
+    }
 
 
 def _repeated(results: Results) -> list[str]:
