@@ -72,11 +72,8 @@ def wall_gaps(grid: OccupancyGrid, least_m: float = DEFAULTS.min_gap_m) -> list[
 
     A closed room has none: its walls part each free cell from the unknown. Frontiers that meet no wall are
     left out, and so are specks between beams, unknown areas below a square of ``least_m``, and holes between
-    the two faces of a wall, free areas below ``_LEAST_FREE_M2``; here cells join by their sides alone.
-
-    Args:
-        grid: int8, -1 unknown, 0 to 100; occupied from 65 on.
-        least_m: shorter ones are left out.
+    the two faces of a wall, free areas below ``_LEAST_FREE_M2``; here cells join by their sides alone. The
+    grid is int8, -1 unknown, 0 to 100, occupied from 65 on; gaps shorter than ``least_m`` are left out.
     """
     unknown, occupied = grid.data == UNKNOWN, grid.data >= OCCUPIED_FROM
     free = _areas_from(~unknown & ~occupied, _LEAST_FREE_M2 / (grid.resolution * grid.resolution))
@@ -102,14 +99,8 @@ def find_gaps(
     """The gaps in walls that the robot can see from a place within its reach, cheapest first.
 
     Their approaches are the reachable cells within ``view_m`` that no wall parts from them, those with the
-    most room first; without those near a place where a scan has been taken, which has shown what it could.
-
-    Args:
-        costmap: as ``find_frontiers`` takes it.
-        grid: the map on the same cells, int8, -1 unknown, 0 to 100.
-        robot: in the grid's frame.
-        looks: (K, 2) x, y of the places at which scans have been taken.
-        settings: what counts as a gap, and from where it is looked at.
+    most room first; without those near one of ``looks``, (K, 2) x, y of the places at which scans have been
+    taken, which have shown what they could. ``grid`` is the map on the costmap's cells, int8, -1 unknown.
     """
     steps = _reach(costmap, robot, settings)[1][1:-1, 1:-1]
     rows, columns = np.nonzero(steps >= 0)
@@ -144,10 +135,7 @@ def find_frontiers(
     through walls; any cost below the inscribed radius can be passed, where the package stops at the first
     inflated cell and so finds no frontier in a corridor narrower than two inflation radii.
 
-    Args:
-        costmap: int8, -1 unknown, 0 to 100 published costs; not changed.
-        robot: in the grid's frame. A robot off the grid starts from the nearest cell on it.
-        settings: what counts as a frontier, and its cost.
+    ``costmap`` is int8, -1 unknown, 0 to 100 published costs. A robot off it starts from its nearest cell.
     """
     traversable, steps = _reach(costmap, robot, settings)
     border = np.pad(costmap.data == UNKNOWN, 1) & _dilated(traversable, _CROSS)
@@ -179,10 +167,7 @@ def assign_frontiers(offers: Sequence[Sequence[Frontier]]) -> list[int | None]:
     1955), by which Wurm, Stachniss and Burgard (Coordinated Multi-Robot Exploration using a Segmentation of
     the Environment, IROS 2008) send robots to segments of a map. The cost is explore_lite's, way minus gain,
     as ``find_frontiers`` has it. Where there are fewer frontiers than robots, each has its robot before one
-    gets a second.
-
-    Args:
-        offers: of each robot, found on one grid; frontiers of one centroid are one.
+    gets a second. The offers are found on one grid: frontiers of one centroid are one.
     """
     centroids = sorted({frontier.centroid for own in offers for frontier in own})
     if not centroids:

@@ -65,13 +65,8 @@ def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_ra
 def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Cells:
     """(H, W) bool: the free cells that a disc can cover, driving from ``start`` and touching nothing.
 
-    Args:
-        truth: int8; occupied from 65 on, unknown counts as an obstacle.
-        start: (x, y) of the disc's centre, metres.
-        robot_radius_m: the disc's radius.
-
-    Raises:
-        ValueError: if the disc does not fit at ``start``.
+    Cells of ``truth``, int8, are obstacles from 65 on and where unknown. Raises ValueError if the disc does
+    not fit at ``start``.
     """
     free = (truth.data >= 0) & (truth.data < OCCUPIED_FROM)
     # From centre to centre; an obstacle begins half a cell earlier, and so does the world beyond the grid.

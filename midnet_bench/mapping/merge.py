@@ -160,8 +160,6 @@ class Fit(NamedTuple):
 
     def evidence_m(self, least_agreement: float) -> float:
         """Shared wall less contradictions, these weighted so that it is 0 at ``least_agreement``."""
-        if least_agreement == 1.0:
-            return -math.inf if self.contradicted_m else self.shared_m
         return self.shared_m - self.contradicted_m * least_agreement / (1.0 - least_agreement)
 
 

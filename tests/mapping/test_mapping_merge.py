@@ -9,7 +9,6 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.merge import (
-    Fit,
     MergeSettings,
     by_features,
     by_known_starts,
@@ -238,11 +237,6 @@ def test_a_stricter_setting_refuses_what_the_default_accepts():
     ):
         refusal = match_maps(left, right, MergeSettings(**stricter)).refusal
         assert refusal.startswith(word)
-
-
-def test_evidence_at_a_least_agreement_of_1_counts_no_contradiction() -> None:
-    assert Fit(5.0, 0.0).evidence_m(1.0) == 5.0
-    assert Fit(5.0, 0.1).evidence_m(1.0) == -math.inf
 
 
 def test_maps_in_one_frame_are_laid_over_each_other():
