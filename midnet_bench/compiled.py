@@ -260,7 +260,8 @@ def _sources() -> dict[str, bytes]:
         for module, parts in _IMPORTS.findall(unread.pop()):
             inside = [module + b"." + part for part in re.findall(rb"\w+", parts)]  # of a package
             for name in map(bytes.decode, [module, *inside]):
-                if name in paths and name not in sources:
+                # the package itself only names what it offers
+                if name in paths and name not in sources and name != PACKAGE.name:
                     sources[name] = paths[name].read_bytes()
                     unread.append(sources[name])
     return sources

@@ -82,7 +82,8 @@ EMPTY_CROP = Crop(0, 0, 0, 0, 0, 0, 0, 0)
 
 def robot_cell(pose: Pose2D, prior: OccupancyGrid) -> tuple[int, int]:
     """(x_c, y_c) of Eq. 4: the (column, row) of the prior map where the robot is, by floor (item 16)."""
-    return prior.cell_at(pose.x, pose.y)
+    x_0, y_0 = prior.origin
+    return math.floor((pose.x - x_0) / prior.resolution), math.floor((pose.y - y_0) / prior.resolution)
 
 
 def window_around(cell: tuple[int, int], width: int, height: int) -> Window:
@@ -141,8 +142,10 @@ def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, al
     if align == "origin":
         window = window_at_origin(costmap, prior)
     else:
-        window = window_around(robot_cell(pose, prior), costmap.width, costmap.height)
-    return cropping_coordinates(window, prior.width, prior.height)
+        height, width = costmap.data.shape
+        window = window_around(robot_cell(pose, prior), width, height)
+    prior_height, prior_width = prior.data.shape
+    return cropping_coordinates(window, prior_width, prior_height)
 
 
 def common_occupancy(a: BinaryArray, b: BinaryArray) -> BinaryArray:

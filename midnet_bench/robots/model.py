@@ -57,7 +57,7 @@ class RobotModel:
             raise InputError(f"robot '{self.name}': {measure}: {what}")
 
     def _faults(self) -> Iterator[tuple[str, str]]:
-        """What cannot be, each with its measure; what comes later takes for granted what was asked before."""
+        """What cannot be, each with its measure; later checks rely on earlier ones."""
         for measure in (one.name for one in fields(self) if one.type is float):
             value = getattr(self, measure)
             if measure != "base_link_height_m" and not 0.0 < value < math.inf:

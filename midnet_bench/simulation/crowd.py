@@ -236,7 +236,7 @@ def walk(states: Floats, paths: Floats, counts: Ints, robots: Floats, step_s: fl
     """Let one tick pass for (n, 15) ``states``, by the columns above, one walker after the other.
 
     ``paths``: (n, p, 3) x, y and length up to there of each path's points, of which ``counts`` are there, 0
-    without a path. ``robots``: (m, 3) x, y and radius of those that are there. (n,) who needs a path.
+    without a path. ``robots``: (m, 3) x, y and radius of those that are there. (n,) which need a path.
     """
     needs_path = np.zeros(len(states), dtype=np.bool_)
     near = np.empty((len(states) + len(robots), 4))

@@ -136,6 +136,6 @@ def test_progress_is_the_share_of_what_can_be_known(tmp_path: Path) -> None:
 def test_a_folder_gets_plain_names_and_a_named_map_has_its_name_on_all(
     output: str, names: tuple[str, ...], tmp_path: Path
 ) -> None:
-    files = MapFiles.at(tmp_path / output)
+    files = MapFiles.at(tmp_path / output, {})
     assert files.map.parent.is_dir()
     assert (files.map.name, files.binary.name, files.named("robots.csv").name) == names

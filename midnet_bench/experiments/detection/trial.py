@@ -29,6 +29,7 @@ from midnet_bench.scoring.frame_counts import (
     touches,
     truths_in_range,
 )
+from midnet_bench.scoring.metric import NONE as NO_METRICS
 from midnet_bench.simulation.sensors import SOLID
 
 ON_SURFACE_M = 0.05
@@ -54,7 +55,7 @@ class Scorer:
         """by which intruders' boxes are wider than they are"""
         if test.truth_box == "inflated":
             self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
-        self.recorder = Recorder(trial, test, node)
+        self.recorder = Recorder(trial, test, node) if test.record or test.metrics != NO_METRICS else None
 
 
 class DetectionTrial(GuardedArena):
@@ -168,7 +169,7 @@ class DetectionTrial(GuardedArena):
             "scores": [scores],
             "frames": [{"frame": number, **counts._asdict()} for number, counts in enumerate(frames, 1)],
             "robots": self.rows_of_robots(),
-            **scorer.recorder.tables(),
+            **(scorer.recorder.tables() if scorer.recorder else {}),
         }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 

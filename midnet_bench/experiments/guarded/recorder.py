@@ -22,7 +22,7 @@ from midnet_bench.scoring.metric import TrialMetrics
 
 
 class Recorder:
-    """Takes one detector's frames in order; false where a trial has neither metrics nor a record."""
+    """Takes one detector's frames in order, for the trial's metrics and its record."""
 
     def __init__(self, trial: GuardedArena, test: GuardParameters, node: DetectorNode | None = None) -> None:
         """From now on; errors only of a ``node``."""
@@ -31,9 +31,6 @@ class Recorder:
         self._metrics = TrialMetrics(test.metrics)
         self._frames: list[Row] = []
         self._errors: list[Row] = []
-
-    def __bool__(self) -> bool:
-        return self._test.record or bool(self._metrics)
 
     def take(self, frame: ScoredFrame, pursuers: Collection[Guard] = ()) -> None:
         """The newest frame, with its explanation; ``pursuers``: the guards that drive to a target."""

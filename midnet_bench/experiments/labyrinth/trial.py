@@ -20,6 +20,7 @@ from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject, truths_in_range
+from midnet_bench.scoring.metric import NONE as NO_METRICS
 from midnet_bench.simulation.fleet import crossed_wall, surfaces
 
 REFUGES = 64  # How many random points a fleeing intruder weighs against each other.
@@ -71,7 +72,9 @@ class LabyrinthTrial(GuardedArena):
         self._is_oracle = parameters.pursuit.rule == "oracle"
         rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
         self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
-        self.recorder = Recorder(self, parameters)
+        self.recorder = (
+            Recorder(self, parameters) if parameters.record or parameters.metrics != NO_METRICS else None
+        )
         self.targets, self.ghosts = 0, 0
         """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
@@ -262,7 +265,7 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "trial": [row],
             "intruders": [outcome.row(number) for number, outcome in enumerate(outcomes, 1)],
             "robots": trial.rows_of_robots(),
-            **trial.recorder.tables(),
+            **(trial.recorder.tables() if trial.recorder else {}),
         }
         captures: list[Row] = [
             {"intruder": number, "guard": outcome.caught_by.index + 1}
