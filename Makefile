@@ -71,5 +71,5 @@ clean:
 	@echo "setting up .venv (a few minutes: loops are compiled once) ..."
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
-	@$(BIN)/python -c 'from midnet_bench.experiments.campaigns import compile_kernels; compile_kernels()'
+	@$(BIN)/python -c 'from midnet_bench.workflows.campaigns import compile_kernels; compile_kernels()'
 	@touch $@
