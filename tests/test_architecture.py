@@ -260,6 +260,7 @@ def decorator_name(node: ast.expr) -> str:
     return node.id if isinstance(node, ast.Name) else ""
 
 
+@pytest.mark.slow
 def test_trials_compute_with_nothing_whose_last_bit_is_a_librarys() -> None:
     found = {name: strays(name, SOURCES[name].read_text(encoding="utf-8")) for name in TRIAL_MODULES}
     assert {name: what for name, what in found.items() if what and name not in NOT_REPRODUCED} == {}

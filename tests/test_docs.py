@@ -106,6 +106,7 @@ def test_the_columns_of_the_trials_tables_are_those_declared() -> None:
     assert set(results.TABLES) <= set(results.BLOCK.findall(text))
 
 
+@pytest.mark.slow
 def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:
     walk = script("make_walkthrough")
     prior, frame = walk.shown_frame()

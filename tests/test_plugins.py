@@ -137,6 +137,7 @@ def test_a_helper_on_the_path_counts(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert DETECTORS.pinned(f"{tmp_path}/mine.py:Mine") != before
 
 
+@pytest.mark.slow
 def test_a_module_of_no_distribution_is_digested_with_what_it_brings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +156,7 @@ def test_a_module_of_no_distribution_is_digested_with_what_it_brings(
         sys.modules.pop(name, None)
 
 
+@pytest.mark.slow
 def test_an_editable_package_is_digested_and_an_installed_one_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -153,13 +153,13 @@ def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str])
 
 def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
     """Why two campaigns have no trials to compare, and what to run."""
-    has = {}
+    has, of = {}, {}
     for one in (first, name):
-        seeds = sorted(set(frame[frame[CAMPAIGN] == one]["seed"]))
+        of[one] = seeds = sorted(set(frame[frame[CAMPAIGN] == one]["seed"]))
         if not seeds:
             return f"compare: {one} has no finished trial"
         has[one] = f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
-    if has[first] == has[name]:
+    if {*of[first]} & {*of[name]}:
         return f"nothing to pair: {first} and {name} have no cell in common"
     return (
         f"nothing to pair: {first} has {has[first]}, {name} has {has[name]}; "

@@ -93,6 +93,7 @@ def test_the_same_numbers_send_the_same_way(make) -> None:
     assert one == other
 
 
+@pytest.mark.slow
 def test_what_comes_from_outside_is_watched(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(

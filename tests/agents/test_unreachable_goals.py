@@ -36,6 +36,7 @@ def drive(
     return robot, near_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("goal", [(1.5, 1.2), (1.75, 1.4), (1.2, 1.0)], ids=["middle", "far", "near"])
 def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
@@ -46,6 +47,7 @@ def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
     assert near_s <= 10.0 + 1.75 / 0.18 + 0.2  # two control periods of slack
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_goal_just_behind_a_large_unknown_obstacle_is_reached(engine: str) -> None:
     behind = BLOCK.pose.compose(Pose2D(0.0, 0.75, 0.0))

@@ -146,6 +146,7 @@ def test_what_is_no_campaign_is_one_line(tmp_path: Path) -> None:
         load_results(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "says"),
     [

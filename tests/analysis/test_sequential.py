@@ -60,6 +60,7 @@ def test_without_an_early_end_the_interval_is_the_mid_p_one() -> None:
     assert tail(found.high, range(23)) == pytest.approx(LEVEL / 2.0, rel=1e-6)
 
 
+@pytest.mark.slow
 @given(st.floats(0.05, 0.95), st.integers(0, 400), st.integers(0, 399))
 @settings(max_examples=60, deadline=None)
 def test_an_interval_holds_its_share_and_grows_with_it(threshold: float, first: int, seed: int) -> None:

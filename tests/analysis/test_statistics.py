@@ -240,6 +240,7 @@ def test_holm_by_hand() -> None:
 PAIRS = st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(1.0, 1e3)), min_size=5, max_size=40)
 
 
+@pytest.mark.slow
 @given(PAIRS, st.randoms())
 def test_the_order_of_trials_changes_no_bit(pairs: list[tuple[float, float]], random: Random) -> None:
     shuffled = random.sample(pairs, len(pairs))

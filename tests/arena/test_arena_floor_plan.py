@@ -30,6 +30,7 @@ def arena_of(dark: np.ndarray, resolution_m: float = 0.05) -> Arena:
     return checked_arena(parsed_yaml(text, "drawn"), "drawn")
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(dark=arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=12)))
 def test_rectangles_cover_the_dark_cells_and_no_other_and_none_could_grow(dark: np.ndarray) -> None:

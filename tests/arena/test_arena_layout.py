@@ -16,6 +16,7 @@ def points(poses) -> np.ndarray:
     return np.array([(pose.x, pose.y) for pose in poses])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arena", "solids", "half_m"), [(MAP1, 3, 3.0), (MAP2, 0, 10.0)], ids=["map1", "map2"]
 )
@@ -41,6 +42,7 @@ def test_every_seed_leaves_everybody_room(arena: Arena, solids: int, half_m: flo
         assert apart[~np.eye(len(intruders), dtype=bool)].min() >= 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arena", [MAP1, MAP2], ids=["map1", "map2"])
 def test_the_team_s_size_changes_no_intruder(arena) -> None:
     for seed in range(10):
@@ -85,6 +87,7 @@ def test_placed_intruders_come_before_drawn_ones(tmp_path) -> None:
     assert gap_m(second, (first,)) >= 0.499
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "robots", "intruders", "said"),
     [

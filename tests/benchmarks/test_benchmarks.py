@@ -38,6 +38,7 @@ def test_midnet_against_bare_opencv(capsys: pytest.CaptureFixture[str]) -> None:
     assert [int(line.split()[0]) for line in said[1:]] == [1, 5, 10]
 
 
+@pytest.mark.slow
 def test_gmapping(capsys: pytest.CaptureFixture[str]) -> None:
     gmapping.main(seconds=4.0)
     assert "TURTLEBOT3" in capsys.readouterr().out

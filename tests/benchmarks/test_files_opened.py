@@ -12,6 +12,7 @@ MOST_OF_A_CYCLES_WORLD = 5
 MOST_OF_A_COMMAND, MOST_MOVES = 48, 435
 
 
+@pytest.mark.slow
 def test_a_frame_and_a_control_cycle_can_be_followed() -> None:
     assert len(midnet_frame()) <= MOST_OF_A_FRAME
     cycle = control_cycle()

@@ -136,6 +136,7 @@ def test_without_an_address_a_cluster_of_this_machine_is_started_and_ended(tmp_p
     assert str(there) not in listed
 
 
+@pytest.mark.slow
 def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: str) -> None:
     (tmp_path / "rolling.yaml").write_text("{experiment: dice.py:DICE, trials: 2}")
     shutil.copy(dice.__file__, tmp_path / "dice.py")

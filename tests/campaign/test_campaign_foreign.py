@@ -139,6 +139,7 @@ def test_a_file_system_without_locks_is_called_so(tmp_path: Path, monkeypatch: p
             pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("owner", ["bystander", "everybody", "nobody"])
 def test_a_file_among_the_marks_of_running_trials_names_no_process(
     owner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

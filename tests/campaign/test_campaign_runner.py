@@ -247,6 +247,7 @@ def test_a_worker_that_is_killed_costs_its_trial_one_repetition(tmp_path: Path) 
     assert exported(tmp_path) == exported(tmp_path / "calm")
 
 
+@pytest.mark.slow
 def test_a_trial_that_always_crashes_fails_alone(tmp_path: Path) -> None:
     outcome = run(
         tmp_path, grid={"coins": [1]}, trials=6, parameters={"trouble": "segfault", "trouble_seed": 2}

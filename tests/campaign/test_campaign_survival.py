@@ -53,6 +53,7 @@ def stored_in(directory: Path) -> int:
         return sum(store.counts())
 
 
+@pytest.mark.slow
 def test_a_kill_while_trials_are_stored_changes_nothing_and_the_workers_go_away(
     tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
@@ -196,6 +197,7 @@ def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     assert not named_in_shared_memory(process)
 
 
+@pytest.mark.slow
 def test_a_process_is_refused_while_another_one_writes(tmp_path: Path) -> None:
     with only_writer(tmp_path):
         code, _, err = finish(start(tmp_path, FORTY, jobs=2))
@@ -241,6 +243,7 @@ def make_room(disk: Path) -> None:
     subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_what_was_stored_and_the_rest_runs_when_there_is_room(
     tmp_path: Path, small_disk: Path
 ) -> None:

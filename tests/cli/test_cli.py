@@ -127,6 +127,7 @@ def test_trials_run_with_standard_error_closed(tmp_path: Path) -> None:
     assert "1 robot" in done.stdout
 
 
+@pytest.mark.slow
 def test_letters_that_the_output_lacks_cost_no_table() -> None:
     ascii_only = {"PYTHONIOENCODING": "ascii"}
     done = in_its_own_process("parameters", "detection", folder=REPOSITORY, environment=ascii_only)

@@ -166,6 +166,7 @@ def test_an_intruder_behind_a_barred_door_is_seen_and_one_beside_it_is_not(tmp_p
         assert area.startswith("no robot can enter 2.")
 
 
+@pytest.mark.slow
 def test_no_room_for_a_layout_is_a_fault(tmp_path: Path) -> None:
     write(tmp_path, stationary_intruders={"count": 60, "clear_of_robots_m": 5.0})
     done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)

@@ -10,6 +10,7 @@ from tests.recording.test_export import read
 SMALL = ("--engine", "fast", "--set", "frames=2")
 
 
+@pytest.mark.slow
 def test_a_trial_goes_to_a_file_that_is_named(tmp_path: Path) -> None:
     done = worked("export", "detection", *SMALL, "--robots", 1, "--seed", 4, folder=tmp_path)
     assert done.stdout == "results/export-detection-4.mcap\n"

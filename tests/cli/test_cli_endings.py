@@ -117,6 +117,7 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_output(
     assert done.stderr.startswith("error: a connection to another program broke")
 
 
+@pytest.mark.slow
 def test_a_command_goes_on_without_a_reader_of_its_messages(tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)
@@ -183,6 +184,7 @@ def test_what_is_written_is_on_the_disk_before_it_has_its_name(
     assert happened == [str(draft), "replace", str(tmp_path)]
 
 
+@pytest.mark.slow
 def test_the_cursor_is_never_hidden(tmp_path: Path) -> None:
     """So that whatever ends a command, also kill -9, leaves it there."""
     pty = pytest.importorskip("pty")

@@ -55,6 +55,7 @@ def test_what_runs_campaigns_shares_its_options_in_three_groups(name: str, tmp_p
     assert "--trials" not in text
 
 
+@pytest.mark.slow
 def test_options_are_the_same_where_python_drops_docstrings(tmp_path: Path) -> None:
     helped = [sys.executable, "-OO", "-m", "midnet_bench", "report", "--help"]
     done = subprocess.run(helped, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)

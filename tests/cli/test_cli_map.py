@@ -167,6 +167,7 @@ def test_a_room_without_a_door_is_left_out_with_a_warning(tmp_path: Path) -> Non
     assert float(score["coverage"]) > 0.98
 
 
+@pytest.mark.slow
 def test_the_exact_map_is_a_pair_that_detection_takes(tmp_path: Path) -> None:
     worked("map", "--exact", "map1", "-o", "m.yaml", folder=tmp_path)
     assert set(load_map(tmp_path / "m.yaml").data.ravel().tolist()) == {0, 100}
@@ -269,6 +270,7 @@ def complaint(tmp_path: Path) -> Callable[..., str]:
     return complain
 
 
+@pytest.mark.slow
 def test_a_bad_log_is_refused_before_the_slow_rooms_are_loaded(tmp_path: Path) -> None:
     (tmp_path / "run.log").write_text("nothing\n")
     command = [sys.executable, "-X", "importtime", "-m", "midnet_bench", "map", "--from-log", "run.log"]

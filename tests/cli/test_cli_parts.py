@@ -74,6 +74,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_detector_of_ones_own_runs_and_its_trial_says_which_it_was(folder: Path) -> None:
     arguments = ("detection", *SHORT, "--robots", "2", "--detector", "mine.py:Returns(away_m=0.4)")
     worked(*arguments, "-o", "out", folder=folder)
@@ -88,6 +89,7 @@ def test_a_detector_of_ones_own_runs_and_its_trial_says_which_it_was(folder: Pat
     assert (folder / "out" / "scores.csv").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_trial_runs_on_an_engine_of_ones_own(folder: Path) -> None:
     arguments = ("--engine", "stub.py:World", "--frames", "12", "--robots", "2", "--jobs", "1")
     worked("detection", *arguments, "-o", "out", folder=folder)
@@ -113,6 +115,7 @@ FAILING = {
 """extension point -> a grid with a plug-in that fails, its name, and why"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("point", FAILING)
 def test_one_that_fails_costs_its_own_trials_and_is_named(point: str, folder: Path) -> None:
     grid, name, reason = FAILING[point]
@@ -128,6 +131,7 @@ def test_one_that_fails_costs_its_own_trials_and_is_named(point: str, folder: Pa
     assert reason in str(failure)
 
 
+@pytest.mark.slow
 def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
     (folder / "both.yaml").write_text(
         "experiment: detection\ntrials: 1\nparameters: {engine: fast, frames: 4, robots: 2}\n"
@@ -141,6 +145,7 @@ def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
     assert fusions == {"paper", "components(iou=0.2)", "mine.py:Largest"}
 
 
+@pytest.mark.slow
 def test_metrics_of_ones_own_stand_in_a_grid_and_are_reported(folder: Path) -> None:
     (folder / "measured.yaml").write_text(
         "experiment: detection\ntrials: 2\nparameters: {engine: fast, frames: 4, robots: 2}\n"

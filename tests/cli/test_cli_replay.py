@@ -74,6 +74,7 @@ def played(folder: Path, name: str, *more: object, **keys: object) -> Done:
     return midnet_bench("replay", place / f"{place.name}.bag", "--setup", "setup.yaml", *more, folder=folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "labels"), [("overtake_red", 130), ("intersection", 24)])
 def test_cars_in_a_room_are_found_and_each_error_has_a_cause(tmp_path: Path, name: str, labels: int) -> None:
     truth = RECORDINGS / name / "truth.csv"
@@ -94,6 +95,7 @@ def test_cars_in_a_room_are_found_and_each_error_has_a_cause(tmp_path: Path, nam
     assert false == int(scores["paper"]["fp"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [("static_people/neg", 0.0), ("static_people/pos", 0.95), ("static_legs/positive_2", 0.95)],
@@ -118,6 +120,7 @@ def test_people_are_found_by_a_lidar_at_rest_and_none_in_an_empty_room(
         assert float(frames["boxes_per_frame"]) <= 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
@@ -134,6 +137,7 @@ def test_a_wrong_setup_is_named_before_any_score(tmp_path: Path, keys: dict[str,
     assert (tmp_path / "out" / "boxes.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_check_finds_the_mount(tmp_path: Path) -> None:
     done = played(tmp_path, "intersection", "--check", "--json")
     assert done.returncode == 0, done.stderr
@@ -166,6 +170,7 @@ def test_a_film_and_what_the_map_lacks(tmp_path: Path) -> None:
     assert patched.data.shape == load_map(RECORDINGS / "intersection" / "map.yaml").data.shape
 
 
+@pytest.mark.slow
 def test_a_declared_ally_is_no_intruder(tmp_path: Path) -> None:
     allies = {"red": {"topic": "/red_pose"}}
     options = ("--preset", "real", "-o", "out")
@@ -175,6 +180,7 @@ def test_a_declared_ally_is_no_intruder(tmp_path: Path) -> None:
     assert len(frames) <= 1
 
 
+@pytest.mark.slow
 def test_a_laser_at_rest_makes_its_own_map(tmp_path: Path) -> None:
     """A square room; after six seconds a box stands two metres ahead."""
     angles = [math.radians(k) for k in range(360)]

@@ -24,6 +24,7 @@ def test_what_is_no_campaigns_folder_gets_a_hint(name: str, tmp_path: Path) -> N
         assert said in one_line_of_complaint(midnet_bench(name, place, folder=tmp_path))
 
 
+@pytest.mark.slow
 def test_trials_of_two_versions_of_the_code_are_noted_by_each_command_that_reads_them(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [1, 2]}

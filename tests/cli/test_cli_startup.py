@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import REPOSITORY
 from tests.stores import labyrinth_store
 
@@ -34,6 +36,7 @@ def test_help_needs_little_more_than_typer() -> None:
     assert not found & set(heavy.split())
 
 
+@pytest.mark.slow
 def test_the_tables_of_a_single_trial_need_no_statistics_and_no_plotting(tmp_path: Path) -> None:
     grid = {"intruders": [1], "robots": [1]}
     labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: k, seeds=1, grid=grid).close()
@@ -49,6 +52,7 @@ def test_the_tables_of_a_single_trial_need_no_statistics_and_no_plotting(tmp_pat
     assert not (tmp_path / "success_rate.png").exists()
 
 
+@pytest.mark.slow
 def test_what_checks_a_campaign_needs_no_compiler_and_no_simulator() -> None:
     found = loaded(
         "from midnet_bench.experiments.registry import names, parameters_model\n"

@@ -82,6 +82,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", COMMANDS, ids=str)
 def test_no_line_of_a_command_is_longer_than_the_terminal_or_cut(
     arguments: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
@@ -183,6 +184,7 @@ def test_the_packaged_reference_can_be_read() -> None:
     assert not any(math.isnan(float(str(row["recall"]).split()[0])) for row in table.rows)
 
 
+@pytest.mark.slow
 def test_a_table_for_a_paper_has_ours_the_paper_s_and_intervals(folder: Path) -> None:
     worked("report", "detection", "-q", folder=folder)
     text = (folder / "detection" / "detection_table.tex").read_text()

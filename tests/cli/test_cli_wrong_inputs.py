@@ -146,6 +146,7 @@ def test_a_number_is_a_baseline_however_it_is_written(tmp_path: Path) -> None:
     assert "robots=1 against robots=5" in done.stdout
 
 
+@pytest.mark.slow
 def test_one_figure_goes_into_the_file_that_is_named(folder: Path) -> None:
     line = "report results/teams --x robots --y f1 -o out/f1.pdf"
     done = midnet_bench(*line.split(), folder=folder)

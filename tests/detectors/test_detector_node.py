@@ -16,6 +16,7 @@ from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 
 
+@pytest.mark.slow
 def test_the_node_needs_no_simulator_no_arena_and_no_agents() -> None:
     program = """
 import sys

@@ -100,6 +100,7 @@ def test_nobody_and_nothing_give_no_boxes(make: Callable[[], Fusion]) -> None:
         assert np.shape(make().fuse(found, 0.2)) == (0, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", BLIND_TO_ORDER)
 @given(teams, st.randoms(use_true_random=False))
 def test_the_order_of_robots_and_of_their_boxes_does_not_matter(make, team, random) -> None:

@@ -87,6 +87,7 @@ def test_the_gate_is_that_of_a_kalman_filter_written_out() -> None:
 PLACES = st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), max_size=6)
 
 
+@pytest.mark.slow
 @given(st.lists(PLACES, max_size=8))
 def test_each_box_has_a_track_of_its_own_and_numbers_count_up(
     frames: list[list[tuple[float, float]]],

@@ -26,6 +26,7 @@ def write_40_pictures(path: Path, fails_at: int | None = None, side_px: int = 32
             append(rng.integers(0, 256, (side_px, side_px, 3), dtype=np.uint8))
 
 
+@pytest.mark.slow
 def test_a_video_has_all_its_pictures_and_its_folder_is_made(tmp_path: Path) -> None:
     write_40_pictures(tmp_path / "new" / "video.mp4")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["video.mp4"]

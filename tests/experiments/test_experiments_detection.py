@@ -35,6 +35,7 @@ def test_the_seed_decides_every_byte() -> None:
     assert as_bytes(detection(seed=3)) != as_bytes(detection(seed=4))
 
 
+@pytest.mark.slow
 def test_a_spec_says_all_that_a_trial_needs() -> None:
     parameters = DetectionParameters.of(robots=2, frames=25).flat_values()
     assert as_bytes(run_trial(TrialSpec("detection", parameters, 3))) == as_bytes(detection(seed=3))
@@ -60,6 +61,7 @@ def test_everybody_drives_and_eight_intruders_are_scored() -> None:
     assert sum(frame.counts.tp for frame in frames) > 300
 
 
+@pytest.mark.slow
 def test_causes_are_parts_of_the_errors_and_a_hidden_intruder_is_none_where_sight_is_asked() -> None:
     def row(**changes: object) -> Row:
         (scores,) = detection(seed=7, **changes).tables["scores"]

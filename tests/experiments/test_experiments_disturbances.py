@@ -165,6 +165,7 @@ def test_a_dead_guard_catches_nobody() -> None:
         assert made._catchers(intruder, [(box, made.guards[0])]) == []
 
 
+@pytest.mark.slow
 def test_guards_of_the_labyrinth_chase_nobody_of_whom_midnet_never_hears() -> None:
     seen = {}
     for loss in (0.0, 1.0):
@@ -180,6 +181,7 @@ def test_a_network_without_delay_and_loss_gives_the_same_bytes() -> None:
     assert run_detection(of(message_timeout_s=3600.0), SEED) == run_detection(of(), SEED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", [{"message_delay_s": 0.5}, {"message_loss": 0.3}, {"message_jitter_s": 0.3}]
 )

@@ -282,6 +282,7 @@ def test_crop_is_what_an_option_can_say() -> None:
     assert result_key(of(oracle="crop")) == result_key(of(align="origin"))
 
 
+@pytest.mark.slow
 def test_boxes_are_fused_by_whose_intruder_they_touch() -> None:
     counts = {}
     for oracle in ("none", "fusion"):

@@ -85,6 +85,7 @@ def test_snapshots_show_a_map_that_grows(alone: tuple[Exploration, list[Snapshot
         assert snapshot.poses[0, 0] < 3.5
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     alone: tuple[Exploration, list[Snapshot]],
 ) -> None:
@@ -95,6 +96,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     assert other.grid.data.tobytes() != alone[0].grid.data.tobytes()
 
 
+@pytest.mark.slow
 def test_two_robots_share_one_map() -> None:
     exploration, snapshots = explore(hall(robots=2), 1001)
     assert exploration.score.free_covered > 0.98

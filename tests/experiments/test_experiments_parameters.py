@@ -109,6 +109,7 @@ def usual() -> str:
     return _tables({})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

@@ -103,6 +103,7 @@ def test_what_moves_robots_is_not_shared() -> None:
         assert simulation_key(DetectionParameters.of(**exact, **{key: value})) != simulation_key(base), key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("same", "common"),
     [

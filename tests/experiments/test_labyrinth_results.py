@@ -207,6 +207,7 @@ def test_few_trials_give_a_figure_without_intervals_they_do_not_have(tmp_path: P
     assert ("[" in success_table(variants_of(found)).cells()[0][1]) == (seeds > 2)
 
 
+@pytest.mark.slow
 def test_the_figure_has_a_panel_for_each_number_of_intruders(full: Variant) -> None:
     figure = success_figure({"": full})
     panels = figure.axes

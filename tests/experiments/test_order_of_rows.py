@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,6 +50,7 @@ def made(seed: int | None) -> dict[str, str]:
 IN_ORDER = made(None)
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_tables_are_the_same_to_the_byte_in_any_order_of_rows(seed: int) -> None:

@@ -78,6 +78,7 @@ def test_an_estimate_knows_frames_robots_and_engine(tmp_path: Path) -> None:
     assert wall_s(1, 5) == pytest.approx(wall_s(1) + wall_s(5))
 
 
+@pytest.mark.slow
 def test_a_dry_run_needs_no_compiler(tmp_path: Path) -> None:
     code = (
         "import sys; from midnet_bench.cli import main\n"

@@ -52,6 +52,7 @@ def busy() -> None:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("call", "find"),
     [

@@ -92,6 +92,7 @@ def test_every_grey_in_every_mode(tmp_path: Path, mode: str, negate: int) -> Non
     assert grid.data[::-1].ravel().tolist() == expected
 
 
+@pytest.mark.slow
 @in_one_folder
 @given(
     hnp.arrays(np.uint8, st.tuples(st.integers(1, 4), st.integers(1, 4), st.sampled_from([3, 4]))),
@@ -306,6 +307,7 @@ def test_files_are_those_of_map_saver(tmp_path: Path) -> None:
 CELLS = hnp.array_shapes(min_dims=2, max_dims=2, max_side=7)
 
 
+@pytest.mark.slow
 @in_one_folder
 @given(hnp.arrays(np.int8, CELLS, elements=st.sampled_from([-1, 0, 100])))
 def test_trinary_map_comes_back_as_it_was(tmp_path: Path, values: np.ndarray) -> None:
@@ -315,6 +317,7 @@ def test_trinary_map_comes_back_as_it_was(tmp_path: Path, values: np.ndarray) ->
     assert (back.resolution, back.origin) == (0.05, (-3.25, 1.0))
 
 
+@pytest.mark.slow
 @in_one_folder
 @given(hnp.arrays(np.uint8, CELLS, elements=st.sampled_from([0, 255])), st.sampled_from([1, 30, 99, 100]))
 def test_binary_prior_map_comes_back_as_it_was(tmp_path: Path, values: np.ndarray, thresh: int) -> None:
@@ -322,6 +325,7 @@ def test_binary_prior_map_comes_back_as_it_was(tmp_path: Path, values: np.ndarra
     np.testing.assert_array_equal(binary_map(load_map(tmp_path / "map.yaml").data, thresh), values)
 
 
+@pytest.mark.slow
 @in_one_folder
 @given(hnp.arrays(np.int8, CELLS, elements=st.integers(-1, 100)), st.integers(1, 100))
 def test_map_saved_at_a_threshold_is_the_binary_map_of_eq_1(
@@ -385,6 +389,7 @@ def test_a_map_says_in_a_comment_where_it_comes_from(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_map(tmp_path / "map.yaml").data, grid.data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(20_000, 1), (4000, 4000)])
 def test_a_map_that_its_yaw_makes_too_large_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     write_pgm(tmp_path / "map.pgm", np.full(size, 254, np.uint8))

@@ -109,6 +109,7 @@ def test_along_a_corridor_nothing_is_claimed_and_across_it_is_sure():
     assert degrees_between(matched, truth) < 0.3
 
 
+@pytest.mark.slow
 def test_a_corridor_leaves_the_filter_its_own_mind_along_it_only():
     grid, rng = room(20.0, 1.5), stream(4, "corridor")
     rows = np.flatnonzero((grid.data == 0)[:, grid.width // 2])[10:-10]
@@ -170,6 +171,7 @@ SHARE = st.floats(0.0, 1.0)
 SIGNED = st.floats(-1.0, 1.0)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=150)
 @given(
     width_m=st.floats(2.0, 4.5),

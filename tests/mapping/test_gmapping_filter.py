@@ -112,6 +112,7 @@ def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
         assert said(ran(threads)) == said(alone)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_cores_are_those_that_numba_may_use(count: str) -> None:
     # joblib's workers set the variable to 1
@@ -256,6 +257,7 @@ def test_without_a_usable_beam_the_odometry_is_followed() -> None:
     assert slam.best_pose == pytest.approx((2.0, 4.0, math.pi / 2 + 0.2))
 
 
+@pytest.mark.slow
 def test_the_map_grows_when_the_robot_leaves_it() -> None:
     """Forty metres straight through a corridor with doors, the odometry exact."""
     doors = [(x, y, x + 0.8, y) for x in range(-3, 44, 2) for y in (-1.0, 1.0)]

@@ -46,6 +46,7 @@ def test_driving_order_decides_where_a_clock_jumps_back() -> None:
     assert error.mean_m == pytest.approx(0.0, abs=1e-12)  # the reading stamped 1.0 was driven after 2.0
 
 
+@pytest.mark.slow
 def test_the_first_of_equal_stamps_counts() -> None:
     odometry = Trajectory(np.array([0.0, 1.0, 1.0, 2.0]), ODOMETRY.poses[:4])
     poses = np.array([[0.0, 0, 0], [1.2, 0, 0], [2.7, 0, 0], [3.3, 0, 0]])

@@ -27,6 +27,7 @@ def test_a_log_whose_ranges_say_nothing_where_the_robot_moved(tmp_path: Path) ->
         map_scans(read_scan_log(written(tmp_path, *lines)), particles=1)
 
 
+@pytest.mark.slow
 def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) -> None:
     lidar = half_circle(180)
     journey = drive(ROOM, lidar, Pose2D(1.0, 1.0, 0.0), ROUND_TRIP[:3], np.random.default_rng(5))

@@ -102,6 +102,7 @@ def test_features_and_grids_each_refuse_different_buildings(gate):
     assert refusal.startswith(("confidence", "too few") if gate == "confidence" else ("agreement", "only"))
 
 
+@pytest.mark.slow
 def test_a_square_room_is_not_merged_with_itself_turned():
     room = Building(hull(6.0, 6.0), 6.0, 6.0)
     for seed in range(3):
@@ -120,6 +121,7 @@ def test_a_building_that_half_a_turn_leaves_as_it_is_is_ambiguous():
     assert abs(math.sin(believed.yaw)) < 0.01
 
 
+@pytest.mark.slow
 def test_one_thing_out_of_symmetry_settles_it():
     rng = stream(0, "pillars")
     pillars = [Box.square(1.5, 1.5, 0.6), Box.square(4.6, 1.2, 0.5), Box.square(1.8, 4.0, 0.8)]
@@ -160,6 +162,7 @@ def test_maps_of_other_resolutions_are_merged_without_scale():
     assert errors(match.placement, frame, fine)[0] <= 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("empty", ["#\n", " \n", "?\n"])
 def test_maps_with_nothing_to_match_are_refused(empty):
     blank = OccupancyGrid(np.full((60, 60), VALUES[empty[0]], dtype=np.int8), 0.05, (0.0, 0.0))

@@ -77,6 +77,7 @@ def detections(team: list[tuple[Pose2D, list[Box]]]) -> list[list[Detection]]:
     return [of(robot, *found) for robot, (_, found) in enumerate(team)]
 
 
+@pytest.mark.slow
 @given(TEAMS, REMOVES)
 def test_it_is_algorithm_2(team: list[tuple[Pose2D, list[Box]]], remove: AllyRemove) -> None:
     poses = [pose for pose, _ in team]
@@ -84,6 +85,7 @@ def test_it_is_algorithm_2(team: list[tuple[Pose2D, list[Box]]], remove: AllyRem
     assert result == as_the_paper_writes_it(poses, detections(team), 3.0, 0.2, remove)
 
 
+@pytest.mark.slow
 @given(TEAMS, POSES, st.integers(0, 4), REMOVES)
 def test_another_ally_never_adds_a_detection_to_any_robots_list(
     team: list[tuple[Pose2D, list[Box]]], ally: Pose2D, index: int, remove: AllyRemove

@@ -168,6 +168,7 @@ def tree_of_the_paper(lists: list[list[Cells]], left: int, right: int) -> list[C
     return as_the_paper_writes_it(second, first, Fraction(1, 10))
 
 
+@pytest.mark.slow
 @given(LISTS)
 def test_robots_are_fused_in_the_order_of_algorithm_3(lists: list[list[Cells]]) -> None:
     found = [[in_metres(cells) for cells in own] for own in lists]

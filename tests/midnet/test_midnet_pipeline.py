@@ -199,6 +199,7 @@ def rotated_pose(pose: Pose2D) -> Pose2D:
     return Pose2D(-pose.y, pose.x, pose.yaw)
 
 
+@pytest.mark.slow
 @given(
     hnp.arrays(np.uint8, (9, 12), elements=st.sampled_from([0, 255])),
     st.lists(

@@ -306,6 +306,7 @@ def test_a_static_map_of_another_resolution_is_refused() -> None:
         GlobalCostmap(BARE, OccupancyGrid(np.zeros((5, 5), dtype=np.int8), 0.1, (0.0, 0.0)))
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # the first call compiles
 @given(st.integers(0, 2**32 - 1))
 def test_a_line_is_open_where_no_cell_that_a_beam_clears_is_lethal(seed: int) -> None:

@@ -93,6 +93,7 @@ def test_potentials_are_nearly_those_of_a_heap(seed: int) -> None:
     assert np.abs(ratio[expected[reached] > 0.0] - 1.0).sum() <= 0.015 * reached.sum() + 0.1
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_a_path_exists_exactly_where_cells_connect_and_avoids_obstacles(seed: int) -> None:

@@ -165,6 +165,7 @@ def test_outlines_equal_an_independent_walk(seed: int) -> None:
     )
 
 
+@pytest.mark.slow
 def test_velocity_samples_include_zero_once() -> None:
     assert velocity_samples(0.1, 0.1, 20).tolist() == [0.1]
     assert velocity_samples(-1.0, 1.0, 4) == pytest.approx([-1.0, -1 / 3, 0.0, 1 / 3, 1.0])
@@ -325,6 +326,7 @@ def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
     assert planner.command(costmap, plan, pose, Command(0.0, 0.0)) is None
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed: int) -> None:
@@ -442,6 +444,7 @@ def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) ->
     assert (speed, turn) == chosen
 
 
+@pytest.mark.slow
 def test_trajectory_rollout_backs_away_from_a_collision_and_then_goes_on() -> None:
     planner = TrajectoryRolloutPlanner(TRAJECTORY_ROLLOUT_LIMITS, BURGER_COSTMAP.footprint, 0.05)
     costmap = room(1.01, 2.02)

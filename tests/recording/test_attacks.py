@@ -80,6 +80,7 @@ def test_a_recording_runs_no_code(
     assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.slow
 def test_what_the_user_types_counts_more_than_the_recording(tmp_path: Path) -> None:
     (tmp_path / "evil.py").write_text("open('ran', 'w')\nclass X: pass\n")
     bag = bag_that_says(tmp_path, {**SAYS, "settings": {"detector": "evil.py:X", "thresh_local": 40}})
@@ -286,6 +287,7 @@ def test_a_folder_that_names_what_may_never_end(named: str, kind: str, tmp_path:
     assert named in one_line_of_complaint(done)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [("--background", "first-1"), ("--map", "/map")])
 @pytest.mark.parametrize("far_m", [1e300, -1e300, 9e6, 1e8])
 def test_poses_that_lie_beyond_all(far_m: float, given: tuple[str, str], tmp_path: Path) -> None:
@@ -316,6 +318,7 @@ def test_a_laser_that_sits_far_off_its_robot(far_m: float, tmp_path: Path) -> No
         assert "mount: robot 'robot'" in one_line_of_complaint(done)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["translation", "rotation"])
 @pytest.mark.parametrize("number", [0.0, 1e300, math.nan, math.inf])
 @pytest.mark.parametrize("link", [0, 1, 2])
@@ -333,6 +336,7 @@ def test_transforms_that_are_none(link: int, number: float, part: str, tmp_path:
         check_taken_or_refused(done)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["/a\x1b]0;taken\x07", "/b\x1b[2J\x1b[H", "/c\r/hidden", "/d\u202egab", "/e\n/f"]
 )
@@ -361,6 +365,7 @@ def left_by_a_kill(code: str, folder: Path, pattern: str) -> list[Path]:
     return list(folder.glob(pattern))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bag_format", ["mcap", "ros1", "ros2"])
 def test_the_draft_of_a_killed_export_is_gone_after_the_next(bag_format: str, tmp_path: Path) -> None:
     code = (
@@ -374,6 +379,7 @@ def test_the_draft_of_a_killed_export_is_gone_after_the_next(bag_format: str, tm
     assert [path.name for path in tmp_path.iterdir()] == ["b"]
 
 
+@pytest.mark.slow
 def test_what_a_killed_reader_of_results_left_is_gone_after_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -395,6 +401,7 @@ def test_what_a_killed_reader_of_results_left_is_gone_after_the_next(
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", ["inf", "-inf", "nan", "1e308"])
 def test_a_table_whose_poses_turn_without_end(heading: str, tmp_path: Path) -> None:
     table = made.write_scan_table(tmp_path / "t.csv", DRIVE, with_poses=True)

@@ -192,6 +192,7 @@ def transform_of(message: Any) -> Pose2D:
     return Pose2D(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("odometry", ["world", "encoder"])
 def test_map_odom_and_base_hang_together(odometry: str, tmp_path: Path) -> None:
     export_trial(
@@ -255,6 +256,7 @@ def test_grids_lie_on_the_lattice_of_the_map(exported: list[Said]) -> None:
     assert 100 in last["/guard_1/costmap"].data
 
 
+@pytest.mark.slow
 def test_stamps_tell_the_times_that_marks_are_forgotten_at(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -189,6 +189,7 @@ def test_clocks_of_frames_that_lead_to_no_laser_silence_nobody(said: list[Said],
     assert heard(LiveNode(chosen, None), chosen, mixed) == in_order(said)
 
 
+@pytest.mark.slow
 def test_a_node_that_waits_takes_no_more_memory(said: list[Said], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of poses of wheels, of frames that come and go, and of scans before a map is there."""
     for module, name, small in (

@@ -222,6 +222,7 @@ def few() -> tuple[list[Raw], list[bytes]]:
     return sound, node_of(sound).frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), EVERY)
 @pytest.mark.parametrize("place", ["first", "later"])
 def test_one_malformed_message(kind: str, name: str, place: str, few: tuple[list[Raw], list[bytes]]) -> None:
@@ -240,6 +241,7 @@ def test_one_malformed_message(kind: str, name: str, place: str, few: tuple[list
         assert len(found.warnings) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_s", [FIFTY_YEARS_S, 3600.0, -3600.0])
 def test_a_clock_that_is_set_costs_a_second_or_two(by_s: float) -> None:
     def later(one: Raw, by_s: float) -> Raw:

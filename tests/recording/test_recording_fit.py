@@ -112,6 +112,7 @@ def test_a_setup_says_where_the_frame_of_the_poses_lies_in_the_maps(turning, map
     assert search.as_set.share > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "beams", "view"),
     [("turns", 180, math.pi), ("straight", 360, 2.0 * math.pi), ("rest", 1000, 1.5 * math.pi)],
@@ -127,6 +128,7 @@ def test_a_right_setup_fits_and_nothing_is_proposed(kind, beams, view, map_of_ro
     assert proposal.found.mount == pytest.approx(MOUNT)
 
 
+@pytest.mark.slow
 def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
     told = verdict(turning, map_of_room)
     assert not told.fits
@@ -143,6 +145,7 @@ def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
     assert not is_open
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("view", "mount"), [(2.0 * math.pi, BARE), (math.pi, MOUNT)])
 def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_of_room):
     samples = mounted(drive(delay_s=0.1, view=view, mount=mount), mount)
@@ -154,6 +157,7 @@ def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_
     assert f"delay_s: {0.2 + proposal.found.delay_s:.3f}" in already
 
 
+@pytest.mark.slow
 def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
     proposal = find_setup(drive(delay_s=0.1), map_of_room)
     assert proposal.found.kinds == ("mount", "delay")
@@ -161,6 +165,7 @@ def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
     assert proposal.found.mount == pytest.approx(MOUNT, abs=0.03)
 
 
+@pytest.mark.slow
 def test_what_a_straight_drive_or_a_robot_at_rest_cannot_tell_is_said(turning, map_of_room):
     straight = find_setup(mounted(drive("straight", delay_s=0.1), MOUNT), map_of_room).cannot_tell
     assert any("a scan delay of 0.1 s looks like a mount that is off by x 0.02" in each for each in straight)
@@ -178,6 +183,7 @@ def test_at_rest_a_mount_cannot_be_told_from_a_moved_map(map_of_room):
     assert "or, which this recording cannot tell, if the map is moved" in line_of(proposal)
 
 
+@pytest.mark.slow
 def test_a_mirrored_scan_and_whole_turns_are_noted(turning, map_of_room):
     samples = mounted(drive(mirrored=True), MOUNT)
     told = verdict(samples, map_of_room)
@@ -191,6 +197,7 @@ def test_a_mirrored_scan_and_whole_turns_are_noted(turning, map_of_room):
         assert f"turned by {degrees} degrees" in told.lines[0]
 
 
+@pytest.mark.slow
 def test_a_moved_map_is_told_with_the_start_that_the_poses_have_on_it(turning, map_of_room):
     samples = mounted(turning, MOUNT)
     for x, y in ((-0.35, 0.35), (3.0, -2.0)):
@@ -201,6 +208,7 @@ def test_a_moved_map_is_told_with_the_start_that_the_poses_have_on_it(turning, m
         assert said == pytest.approx([first.x + x, first.y + y, math.degrees(first.yaw)], abs=0.06)
 
 
+@pytest.mark.slow
 def test_a_turned_map_and_one_of_another_place_are_told(turning, map_of_room):
     samples = mounted(turning, MOUNT)
     turned = OccupancyGrid(np.rot90(map_of_room.data).copy(), 0.05, (-4.0, -2.0))

@@ -39,6 +39,7 @@ def covered(poses, covariances, truth):
     return squared <= 4.0
 
 
+@pytest.mark.slow
 def test_right_poses_stay_and_the_claim_covers_them(turning):
     truth = [pose for pose, _, _ in turning]
     poses, covariances = localized(room(), turning, truth)

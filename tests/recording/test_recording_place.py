@@ -44,6 +44,7 @@ def truly_placed(tmp_path_factory):
     return played(tmp_path_factory.mktemp("true"), DRIVE, labels=DRIVE.labels())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["tf", "topic"])
 @pytest.mark.parametrize("start", ["found", "about"])
 def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
@@ -77,6 +78,7 @@ def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
     assert plain > 0.5
 
 
+@pytest.mark.slow
 def test_without_a_place_the_refusal_names_the_options(tmp_path):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
     arguments = ("replay", bag, "--map", made.write_map(tmp_path), "--preset", "real")
@@ -90,6 +92,7 @@ def test_without_a_place_the_refusal_names_the_options(tmp_path):
     assert "--start 1,2" in one_line_of_complaint(midnet_bench(*arguments, "--start", "1,2", folder=tmp_path))
 
 
+@pytest.mark.slow
 def test_a_map_of_another_place_and_a_background_are_refused(tmp_path):
     rows, columns = np.ogrid[:240, :240]
     hall = np.abs(np.hypot(rows - 120, columns - 120) - 100.0) < 1.0

@@ -102,6 +102,7 @@ def test_who_walks_through_keeps_the_number_of_a_track(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_tf", [True, False])
 def test_the_recordings_own_frames_hang_on_the_map(has_tf: bool, tmp_path: Path) -> None:
     fixed = [made.Said("/tf_static", made.ns_of(0.0), made.mount_message(DRIVE), True)] if has_tf else []
@@ -120,12 +121,14 @@ def test_the_recordings_own_frames_hang_on_the_map(has_tf: bool, tmp_path: Path)
     assert placed > 5
 
 
+@pytest.mark.slow
 def test_a_recording_that_leads_to_the_map_has_its_own_transforms(tmp_path: Path) -> None:
     recording = recording_of(tmp_path, poses=made.tf_messages(DRIVE))
     said, _ = written(recording, tmp_path / "out.mcap", pose="tf")
     assert all(len(one.message.transforms) == 1 for one in said if one.topic == "/tf")
 
 
+@pytest.mark.slow
 def test_a_placed_odometry_hangs_on_the_map_where_it_was_placed(tmp_path: Path) -> None:
     moving = made.tf_messages(DRIVE)
     odometry = [one for one in moving if "'map'" not in repr(one.message)]

@@ -85,6 +85,7 @@ def test_a_truncated_bag(container, share, tmp_path, replay):
         assert "no bag that can be read" in line or "damaged" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packed", ["ros1", "ros1-bz2"])
 def test_a_bag_that_was_cut_off_gives_what_it_still_has(packed, tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES], packed)
@@ -131,6 +132,7 @@ def disguised(bag, kind):
     return bag.rename(bag.with_suffix(kind))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("container", "kind"),
     [
@@ -157,6 +159,7 @@ def mcap_text(text):
     return struct.pack("<I", len(text)) + text.encode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_ros1", [True, False])
 def test_an_mcap_file_of_plain_records_in_any_order(is_ros1, tmp_path, replay, frames):
     bag, kinds = made.write_bag(tmp_path, [*SCANS, *POSES], "ros1" if is_ros1 else "ros2"), {}
@@ -220,7 +223,7 @@ def test_an_sqlite_file_that_is_damaged_in_the_middle(tmp_path, replay):
 @pytest.mark.parametrize("container", ["ros1", "ros2", "mcap"])
 def test_no_message_and_no_scan(container, tmp_path, replay):
     line = complaint(replay(made.write_bag(tmp_path, [], container)))
-    assert "empty" in line or "no scan" in line, line
+    assert any(why in line for why in ("empty", "no scan", "no message")), line
     bag = made.write_bag(tmp_path, POSES, container, "poses")
     assert "no scan: no message of sensor_msgs/LaserScan; it holds /pose" in complaint(replay(bag))
     listed = replay(bag, use_map=False)
@@ -326,6 +329,7 @@ def test_scans_without_ranges(tmp_path, replay):
     assert kept(tmp_path) > 15
 
 
+@pytest.mark.slow
 def test_ranges_and_poses_that_are_no_numbers(tmp_path, replay):
     rng = np.random.default_rng(1)
     odd = []

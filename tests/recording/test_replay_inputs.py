@@ -33,11 +33,13 @@ def expected(tmp_path_factory, map_file):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("container", ["ros1", slow("ros1-bz2"), slow("ros1-lz4"), slow("ros2"), "mcap"])
 def test_every_container(container, tmp_path, expected):
     assert played(tmp_path, DRIVE, container=container).plain_boxes == expected.plain_boxes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", [*map(slow, ["odometry", "covariance", "tum", "separate csv", "map topic"]), "tf", "csv"]
 )

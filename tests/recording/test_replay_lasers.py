@@ -44,6 +44,7 @@ def mount_of(drive):
     return [*drive.mount[:2], math.degrees(drive.mount.yaw)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topics", [("/front_scan", "/rear_scan"), ("/scan", "/scan")])
 @pytest.mark.parametrize("by", ["tf", "setup"])
 def test_two_lasers_are_one_robot(tmp_path, keys, topics, by):
@@ -77,6 +78,7 @@ def test_one_mount_for_two_lasers_is_refused(tmp_path, keys):
         replayed(bag, tmp_path, **keys, scan=["/front_scan", "/rear_skan"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [{"start": "found"}, {"localize": True}])
 def test_lasers_of_one_robot_are_placed_and_corrected_as_one(tmp_path, keys, option):
     poses = tf()

@@ -21,6 +21,7 @@ def keys(tmp_path_factory):
     return {"files": bag, "map": str(made.write_map(folder)), "truth": str(labels)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("container", ["mcap", "ros1"])
 def test_a_part_has_the_boxes_of_the_whole_at_its_scans(tmp_path, keys, container):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.tf_messages(DRIVE)], container)

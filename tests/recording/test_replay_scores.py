@@ -379,6 +379,7 @@ def test_walls_that_are_off_by_the_pose_or_by_the_ranges(cause, noise_m, tmp_pat
     assert found.count(cause) >= (0.95 if cause == "pose_error" else 0.9) * len(found), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limits", "expected"),
     [({}, (2, 1, 0)), ({"sector_deg": [-30, 30]}, (1, 0, 0)), ({"window_m": 2.0}, (1, 0, 0))],
@@ -408,6 +409,7 @@ def test_events_of_a_recording(tmp_path):
     assert score["mota"] == pytest.approx(1.0 - wrong / score["in_range"])
 
 
+@pytest.mark.slow
 def test_what_stands_beside_a_labelled_way_is_unmapped_not_the_label_s(tmp_path):
     """Pylons that the map lacks stand along the way of a labelled robot, which comes as near as 0.3 m."""
     pylons = [(3.4, 2.6), (4.6, 2.4), (3.9, 3.7), (5.0, 2.0)]

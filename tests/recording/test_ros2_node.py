@@ -163,6 +163,7 @@ def test_1000_malformed_messages_over_dds_change_no_frame(tmp_path: Path) -> Non
     assert 1 < len(lines) < 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "variables", "named"),
     [

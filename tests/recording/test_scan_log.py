@@ -41,6 +41,7 @@ def test_a_recording_of_each_kind_is_mapped(tmp_path, container):
     assert result.warnings == log.warnings
 
 
+@pytest.mark.slow
 def test_the_commands_of_a_bag_without_a_map_are_named_and_work(tmp_path):
     bag = bag_of(tmp_path, "mcap")
     listed = midnet_bench("replay", bag.name, folder=tmp_path)

@@ -207,6 +207,7 @@ METRES = st.floats(0, 9)
 COUNTED = st.tuples(*[st.integers(0, 9)] * 7, METRES, METRES).map(FrameCounts._make)
 
 
+@pytest.mark.slow
 @given(st.lists(COUNTED, max_size=40), st.randoms())
 def test_sums_over_frames_are_exact_so_their_order_is_nothing(
     counts: list[FrameCounts], random: Random

@@ -183,6 +183,7 @@ def test_what_comes_from_outside_is_watched(
     assert len(str(caught.value)) < 300
 
 
+@pytest.mark.slow
 def test_every_file_of_a_list_goes_along_with_a_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

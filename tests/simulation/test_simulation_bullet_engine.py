@@ -12,6 +12,7 @@ from midnet_bench.simulation.bullet_engine import bullet
 from tests.simulation.scenes import BulletWorld, scene
 
 
+@pytest.mark.slow
 def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
     program = (
         "import sys; sys.modules['pybullet'] = None\n"
@@ -25,12 +26,14 @@ def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_pybullet_greets_nobody_and_standard_error_stays_open() -> None:
     program = "import sys, midnet_bench.simulation.bullet_engine; print('a line of ours', file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "a line of ours\n")
 
 
+@pytest.mark.slow
 def test_a_closed_standard_error_does_not_stop_it() -> None:
     program = "import midnet_bench.simulation.bullet_engine; print('imported')"
     command = ["sh", "-c", 'exec "$0" -c "$1" 2>&-', sys.executable, program]

@@ -27,6 +27,7 @@ def layout_of(*others: tuple[dict[str, object], Pose2D], arena: Arena = EMPTY, r
     return replace(layout, robots=layout.robots[:robots], others=standing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed_mps", [0.8, 1.4, 2.0])
 def test_a_person_walks_by_the_walk_ratio_one_leg_standing_at_a_time(speed_mps: float) -> None:
     big = checked_arena(BIG, "big")
@@ -112,6 +113,7 @@ def test_a_person_stops_before_a_robot_and_goes_on_when_it_has_left() -> None:
     assert person.pose.x == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_hundred_people_walk_in_a_tenth_of_real_time() -> None:
     """They take a hundredth of it; looking at each other in plain Python they took a third."""
     values = {**BIG, "plane_m": [22.0, 22.0], "enclosure_m": [20.0, 20.0]}
@@ -194,6 +196,7 @@ def track(engine: str, layout: Layout, seconds: float) -> tuple[float, float, fl
     return pose.x, pose.y, pose.yaw
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside_m", [0.1, 0.13])
 @pytest.mark.parametrize("kind", ["person", "cylinder"])
 def test_a_robot_slides_off_a_leg_as_off_a_stationary_intruder(kind: str, aside_m: float) -> None:

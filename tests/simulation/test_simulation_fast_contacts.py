@@ -148,6 +148,7 @@ def test_not_even_in_a_jam_and_a_jam_keeps_moving(
     assert np.abs(world.poses()[:, :2]).max() < side_m / 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size_m", [(0.12, 0.12), (0.3, 0.1)])
 def test_what_moves_by_itself_pushes_nobody_into_a_wall_or_another(size_m: tuple[float, float]) -> None:
     """It goes round at 0.7 m/s among six robots on 1.4 square metres, where not all can make room for it."""
@@ -209,6 +210,7 @@ def test_a_wedged_pair_comes_free(engine: str, offset_m: float) -> None:
     assert distances[1] > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES[1:])
 @pytest.mark.parametrize("degrees", [30, 45, 60, 80])
 def test_whoever_meets_a_wall_askew_turns_and_slides_as_in_pybullet(engine: str, degrees: float) -> None:

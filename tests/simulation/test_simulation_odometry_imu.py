@@ -36,6 +36,7 @@ def around_a_square(settings: OdometrySettings, seed: int) -> tuple[float, float
     return driven, Pose2D(*odometer.poses[0]).distance_to(truth)
 
 
+@pytest.mark.slow
 def test_encoders_drift_each_in_its_own_way() -> None:
     ends = [around_a_square(OdometrySettings(), seed) for seed in range(4)]
     for driven, encoder in ends:

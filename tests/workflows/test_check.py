@@ -158,6 +158,7 @@ def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
     assert "ms a frame (detector mine.py:Mine#" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
     (folder / "mine.py").write_text(
         HEAD + "\nclass Mine(Base):\n    def detect(self, team):\n        1 / 0\n"
@@ -185,6 +186,7 @@ def test_the_method_says_that_a_class_is_a_fusion(folder: Path) -> None:
     assert any(one.startswith("with nobody: fusion mine.py:First") for one in found.faults)
 
 
+@pytest.mark.slow
 def test_a_patrol_that_sends_guards_through_walls_is_found(folder: Path) -> None:
     (folder / "mine.py").write_text(
         "class Away:\n    def __init__(self, points, guards, rng):\n        pass\n"

@@ -72,6 +72,7 @@ def test_a_seed_that_makes_an_interval_wide_is_named_and_no_interval_leaves_what
     )
 
 
+@pytest.mark.slow
 def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
     """One campaign over both engines says what two campaigns say, each on one of them."""
     caught = {"bullet": 1, "fast": 0}

@@ -111,6 +111,7 @@ def test_without_pybullet_the_engine_to_take_is_named_before_the_first_trial(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_results_have_the_declared_types_also_without_a_store(tmp_path: Path) -> None:
     folder = detection_store(tmp_path / "one", SCORES)
     write_report(folder)

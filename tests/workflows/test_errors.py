@@ -100,6 +100,7 @@ def test_a_campaign_that_was_not_recorded_says_how_to(detection_campaign: Path) 
         errors(detection_campaign)
 
 
+@pytest.mark.slow
 def test_a_labyrinth_has_a_player_and_no_causes(tmp_path: Path) -> None:
     run = ("labyrinth", "--trials", 1, "--robots", 1, "--intruders", 1, "--engine", "fast", "--record")
     worked(*run, "--set", "time_limit_s=2", "--jobs", 1, "-o", "lab", folder=tmp_path)
@@ -107,6 +108,7 @@ def test_a_labyrinth_has_a_player_and_no_causes(tmp_path: Path) -> None:
     assert "only the detection test's errors are explained" in one_line_of_complaint(done)
 
 
+@pytest.mark.slow
 def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_path: Path) -> None:
     frame = ("--robots", 1, "--seed", 2, "--frame", 4)
     worked("errors", folder, *frame, "--grids", "drawn", folder=tmp_path)
@@ -122,6 +124,7 @@ def test_causes_and_one_frame_print_json(folder: Path) -> None:
         assert json.loads(worked("errors", folder, *frame, "--json", folder=folder).stdout)["tables"]
 
 
+@pytest.mark.slow
 def test_a_campaign_without_errors_can_be_the_other_one(folder: Path) -> None:
     run = ("detection", "--robots", 1, "--frames", 10, "--seeds", 2, "--engine", "fast", "--preset", "best")
     worked(*run, "--record", "--jobs", 1, "-o", "clean", folder=folder.parent)

@@ -38,6 +38,7 @@ def evil(tmp_path: Path, trap: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "evil_of_a_stranger"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["{}.py:X", "{}:X"])
 @pytest.mark.parametrize("key", ["experiment", "detector", "metrics", "engine", "robot", "anything"])
 def test_no_command_runs_what_results_from_elsewhere_name(
@@ -58,6 +59,7 @@ def test_no_command_runs_what_results_from_elsewhere_name(
         assert trap.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["X ()", "X (a=1)", " X", "1", "", "X.Y", "\u2118", " X (a=1)#00"])
 @pytest.mark.parametrize("place", ["{}.py:", "{}.py :", " {}.py:"])
 def test_no_way_to_write_a_reference_goes_past_the_question(
@@ -90,6 +92,7 @@ def rewrite(folder: Path, experiment: str, parameters: dict[str, str]) -> None:
     connection.close()
 
 
+@pytest.mark.slow
 def test_ones_own_run_is_trusted_as_it_ran_and_no_copy_of_it(tmp_path: Path) -> None:
     code = tmp_path / "walk.py"
     code.write_text(DRIFT)

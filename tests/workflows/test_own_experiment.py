@@ -89,6 +89,7 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_an_experiment_in_its_own_file_runs_reports_plots_and_verifies(project: Path) -> None:
     run = worked("run", "walking.yaml", "--json", folder=project)
     told = json.loads(run.stdout)
@@ -122,6 +123,7 @@ def test_a_plan_of_it_has_no_path_of_this_machine(project: Path) -> None:
     assert str(project) not in planned.stdout
 
 
+@pytest.mark.slow
 def test_an_interrupted_campaign_of_it_goes_on_where_it_stopped(project: Path) -> None:
     whole = resolve(load_campaign(project / "walking.yaml"), registry)
     some = load_campaign(project / "walking.yaml").model_copy(update={"trials": 2})
@@ -136,6 +138,7 @@ def test_an_interrupted_campaign_of_it_goes_on_where_it_stopped(project: Path) -
     assert parts.read_bytes() == at_once.read_bytes()
 
 
+@pytest.mark.slow
 def test_two_campaigns_of_it_are_compared(project: Path) -> None:
     for name, bias_m in (("slow", 0.5), ("fast", 0.75)):
         worked("run", "walking.yaml", "--set", f"bias_m={bias_m}", "-o", name, folder=project)

@@ -66,6 +66,7 @@ def check_campaign(directory: Path) -> None:
         check_table(table)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -80,6 +81,7 @@ def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
 
 
+@pytest.mark.slow
 def test_every_column_of_the_comparison_of_variants_is_described() -> None:
     ((table, _),) = sweeps(load_results(REFERENCES / "robustness", tables_of))
     assert table.to_csv() == (REFERENCES / "robustness" / "differences_by_variant.csv").read_text(

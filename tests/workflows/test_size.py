@@ -28,6 +28,7 @@ def room(folder: Path, *, closed: bool = False) -> str:
     return "room.yaml"
 
 
+@pytest.mark.slow
 def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: Path) -> None:
     arena = room(tmp_path)
     done = worked("size", arena, *QUICK, "--probability", 0.5, "-o", "answer", "--json", folder=tmp_path)
@@ -44,6 +45,7 @@ def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: 
         assert (tmp_path / "answer" / name).stat().st_size > 100
 
 
+@pytest.mark.slow
 def test_the_same_question_again_runs_nothing_and_gives_the_same_bytes(tmp_path: Path) -> None:
     asked = ("size", "empty", *QUICK, "--probability", 0.3, "-o", "answer")
     first = worked(*asked, folder=tmp_path)
@@ -77,6 +79,7 @@ def test_a_building_with_a_closed_room_is_refused_before_any_trial(tmp_path: Pat
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_the_cost_and_runs_nothing(tmp_path: Path) -> None:
     done = worked("size", "office", "--dry-run", folder=tmp_path)
     assert "if the answer is clear" in done.stderr

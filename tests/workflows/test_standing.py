@@ -39,6 +39,7 @@ def ground(_ground: Path) -> Iterator[Path]:
         yield _ground
 
 
+@pytest.mark.slow
 def test_a_detector_of_one_s_own_stands_among_the_shipped_ones(ground: Path) -> None:
     first = run(ground, "--detector", "mine.py:Returns", "-o", "mine")
     table = rows(ground / "mine" / "leaderboard.csv")
@@ -54,6 +55,7 @@ def test_a_detector_of_one_s_own_stands_among_the_shipped_ones(ground: Path) -> 
     assert own["digest"] in again.stdout
 
 
+@pytest.mark.slow
 def test_a_shipped_method_again_has_the_committed_scores_or_says_that_it_has_not(ground: Path) -> None:
     assert "to the last bit" in run(ground, "-o", "same").stdout
     path = ground / "reference" / "scores.csv"
@@ -65,6 +67,7 @@ def test_a_shipped_method_again_has_the_committed_scores_or_says_that_it_has_not
     path.write_bytes(before)
 
 
+@pytest.mark.slow
 def test_another_protocol_has_no_place(ground: Path) -> None:
     done = run(ground, "--set", "obstacle_range_m=2", "-o", "other")
     assert not (ground / "other" / "leaderboard.csv").exists()
@@ -76,6 +79,7 @@ def test_the_packaged_campaign_keeps_to_the_protocol_of_the_committed_results() 
     assert standing.is_standard(resolve(campaign, registry).definition)
 
 
+@pytest.mark.slow
 def test_the_committed_page_is_made_of_the_committed_results() -> None:
     folder = standing.reference_folder()
     results = load_results(folder, tables_of)

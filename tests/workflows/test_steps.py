@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pytest
+
 import midnet_bench as mb
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows, worked
 
@@ -13,6 +15,7 @@ def steps(folder: Path, *arguments: object) -> str:
     return (folder / "steps" / "steps.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_page_has_the_numbers_of_its_frame(tmp_path: Path) -> None:
     trial = {"engine": "fast", "robots": 3, "frames": 12}
     run = ("detection", "--engine", "fast", "--robots", 3, "--frames", 12, "-q", "-o", "d")
@@ -30,6 +33,7 @@ def test_the_page_has_the_numbers_of_its_frame(tmp_path: Path) -> None:
     assert re.findall(r'<img src="([\w.-]+)"', page) == ["steps-grids.png", "steps-fusion.png"]
 
 
+@pytest.mark.slow
 def test_a_single_guard_has_no_tree_and_a_labyrinth_has_a_page(tmp_path: Path) -> None:
     common = ("--engine", "fast", "--set", "time_limit_s=3", "--seeds", 1, "--intruders", 1, "-q")
     worked("labyrinth", *common, "--robots", 1, "-o", "lab", folder=tmp_path)
@@ -38,6 +42,7 @@ def test_a_single_guard_has_no_tree_and_a_labyrinth_has_a_page(tmp_path: Path) -
     assert "labyrinth, seed 1, frame 5 (1.0 s)" in page
 
 
+@pytest.mark.slow
 def test_wrong_frames_and_other_detectors_get_one_line(tmp_path: Path) -> None:
     common = ("--engine", "fast", "--frames", 5, "--robots", 2, "-q", "--jobs", 1)
     worked("detection", *common, "--detector", "midnet,clusters", "-o", "d", folder=tmp_path)
@@ -51,6 +56,7 @@ def test_wrong_frames_and_other_detectors_get_one_line(tmp_path: Path) -> None:
         assert named in one_line_of_complaint(done)
 
 
+@pytest.mark.slow
 def test_a_recorded_frame_has_the_boxes_of_its_replay(tmp_path: Path) -> None:
     recorded = ("--engine", "fast", "--robots", 2, "--frames", 12, "--format", "mcap", "-q")
     worked("export", "detection", *recorded, "-o", "drive.mcap", folder=tmp_path)

@@ -84,6 +84,7 @@ def test_a_factor_of_three_values_is_drawn_by_itself_with_its_numbers(folder: Pa
     assert names[:3] == ["recall_by_robots.png", "recall_by_robots.svg", "recall_by_robots.csv"]
 
 
+@pytest.mark.slow
 def test_the_same_trials_give_the_same_picture(folder: Path, tmp_path: Path) -> None:
     first, again = (plot(folder, tmp_path / name, "robots", "f1") for name in ("a", "b"))
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]

@@ -103,6 +103,7 @@ def test_a_curve_is_reproduced_turned_round_or_too_little_to_tell(
     assert exit_code == code
 
 
+@pytest.mark.slow
 def test_trials_that_last_longer_than_the_papers_hours_allow_are_not_reproduced(tmp_path: Path) -> None:
     folder = campaign(tmp_path, [0.5] * 5, seeds=5)
     results = load_results(folder)
