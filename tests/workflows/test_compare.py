@@ -174,13 +174,28 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
             compare(folders)
 
 
-def test_campaigns_without_a_shared_seed_are_refused(tmp_path: Path) -> None:
-    first, other = (one_robot(tmp_path / name, {seed: 0.9}) for name, seed in (("first", 1), ("other", 2)))
-    with pytest.raises(
-        InputError, match="nothing to pair: first has seed 1, other has seed 2; run other with --seed 1"
-    ):
+@pytest.mark.parametrize(
+    ("seeds", "reason"),
+    [
+        ((1,), "first has seeds 2 to 4, other has seed 1; run other with --seed 2"),
+        ((1, 3, 5), "first has seeds 2 to 4, other has seeds 1 to 5; run other with --seed 2"),
+    ],
+)
+def test_campaigns_without_a_shared_seed_are_refused(
+    seeds: tuple[int, ...], reason: str, tmp_path: Path
+) -> None:
+    first = one_robot(tmp_path / "first", {2: 0.9, 4: 0.9})
+    other = one_robot(tmp_path / "other", dict.fromkeys(seeds, 0.9))
+    with pytest.raises(InputError, match=f"nothing to pair: {reason}"):
         compared(first, other, output=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_campaigns_without_a_shared_cell_are_refused(tmp_path: Path) -> None:
+    scores = {1: (0.9, 0.5, 0.6)}
+    folders = [detection_store(tmp_path / f"of{robots}", {robots: scores}) for robots in (1, 2)]
+    with pytest.raises(InputError, match="nothing to pair: of1 and of2 have no cell in common"):
+        compare(folders)
 
 
 def test_campaigns_are_called_by_the_ends_of_their_paths(
