@@ -1,7 +1,8 @@
 """Settings stated once: default, range, sentence and source of an option stand at its field, on pydantic.
 
 A settings class is a frozen dataclass of :class:`Settings` in the room of the code that obeys it.
-:func:`option` makes a field that users set, :func:`fixed` one that they do not. An experiment nests such
+:func:`option` makes a field that users set, :func:`fixed` one that nobody sets, :func:`inner` one that code
+sets. An experiment nests such
 classes by :func:`group`. The options of that tree have flat keys, such as ``thresh_local``: what a campaign
 file, ``--set`` and a trial's parameters hold.
 """
@@ -53,6 +54,11 @@ def option(default: Scalar, help: str, *, source: str = "", key: str | None = No
 def fixed(default: Scalar, source: str) -> Any:
     """A field without a flat key: a value that no user turns, with its source. ValueError as for option."""
     return field(default=default, metadata={"source": _known(source)})
+
+
+def inner(default: Scalar, **limits: float) -> Any:
+    """A field without a flat key, which code works out; ``limits`` as of :func:`option`."""
+    return field(default=default, metadata={"limits": limits})
 
 
 def _known(source: str) -> str:

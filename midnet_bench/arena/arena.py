@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -14,9 +14,12 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Box, Pose2D, Solid, gap_m
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec, parse, parsed_yaml, read_text
+from midnet_bench.io.map_server import load_map
 from midnet_bench.robots.model import LOWEST_SOLID_M
 
 FOLDER = Path(__file__).parent / "arenas"
+MAPS = Path(__file__).parent / "maps"
+"""``ARENA.yaml`` and ``ARENA.pgm``, chosen from ``campaigns/mapping.yaml``; ``ARENA_worst``, its worst map"""
 
 Coordinate = Annotated[float, Field(allow_inf_nan=False)]
 Length = Annotated[float, Field(gt=0.0, le=200.0)]
@@ -241,6 +244,23 @@ def load_arena(name_or_path: str | Path) -> Arena:
 def _written_arena(yaml: str, path: str, source: str) -> Arena:
     """The arena that a file's text describes; read once: every trial needs it twice."""
     return checked_arena(parsed_yaml(yaml, path), source)
+
+
+def explored_map(arena: str, worst: bool = False) -> OccupancyGrid | None:
+    """An explored map of a packaged arena, int8 (100 occupied, 0 free, -1 unknown), or None without one.
+
+    The best of the finished maps of the campaign, or the ``worst`` of them: first and last by the rule of
+    ``mapping_choice`` in the campaign's report.
+    """
+    path = MAPS / f"{arena}{'_worst' if worst else ''}.yaml"
+    return _load(path) if path.is_file() else None
+
+
+@cache
+def _load(path: Path) -> OccupancyGrid:
+    grid = load_map(path)
+    grid.data.flags.writeable = False
+    return grid
 
 
 def checked_arena(values: Any, source: str) -> Arena:

@@ -1,8 +1,6 @@
-"""The prior maps of an arena: drawn exactly from its walls, or explored by robots and kept in the package."""
+"""A prior map drawn exactly from an arena's walls, and maps in cells of another size."""
 
 import math
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +8,7 @@ import numpy.typing as npt
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
 from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
-from midnet_bench.io.map_server import MOST_PIXELS, load_map
+from midnet_bench.io.map_server import MOST_PIXELS
 
 _HAIR = 1e-6  # of a cell: less is no area
 
@@ -78,24 +76,3 @@ def _greatest(values: npt.NDArray[np.int8], axis: int, size: int, ratio: float) 
     ends = np.floor(edges[:-1] + _HAIR), np.ceil(edges[1:] - _HAIR)
     pairs = np.minimum(np.stack(ends, axis=1).astype(np.int64).ravel(), values.shape[axis] - 1)
     return np.asarray(np.maximum.reduceat(values, pairs, axis).take(np.arange(0, 2 * size, 2), axis))
-
-
-FOLDER = Path(__file__).parent / "maps"
-"""``ARENA.yaml`` and ``ARENA.pgm``, chosen from ``campaigns/mapping.yaml``; ``ARENA_worst``, its worst map"""
-
-
-def explored_map(arena: str, worst: bool = False) -> OccupancyGrid | None:
-    """An explored map of a packaged arena, int8 (100 occupied, 0 free, -1 unknown), or None without one.
-
-    The best of the finished maps of the campaign, or the ``worst`` of them: first and last by the rule of
-    ``mapping_choice`` in the campaign's report.
-    """
-    path = FOLDER / f"{arena}{'_worst' if worst else ''}.yaml"
-    return _load(path) if path.is_file() else None
-
-
-@cache
-def _load(path: Path) -> OccupancyGrid:
-    grid = load_map(path)
-    grid.data.flags.writeable = False
-    return grid

@@ -1,4 +1,4 @@
-"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run`` and ``size``."""
+"""The commands that run campaigns, ``detection``, ``labyrinth``, ``run`` and ``size``, and ``report``."""
 
 import dataclasses
 from datetime import timedelta
@@ -9,8 +9,7 @@ import typer
 
 from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.messages import counted
-from midnet_bench.cli.terminal import filled, print_json, print_lines, show, width
+from midnet_bench.cli.messages import counted, filled, print_json, print_lines, show, width
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
@@ -82,7 +81,6 @@ def _run(file: Path, chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import load_campaign, override, resolve
     from midnet_bench.campaign.runner import plan
     from midnet_bench.cli.progress import CampaignProgress, compiling
-    from midnet_bench.cli.reports import log_page, present
     from midnet_bench.experiments import registry
     from midnet_bench.workflows.campaigns import recorded_if_small, run_resolved
 
@@ -100,9 +98,9 @@ def _run(file: Path, chosen: options.Campaign) -> None:
         return
     small = recorded_if_small(resolved)
     outcome = run_resolved(small, directory, compiling, progress=CampaignProgress(), **given)
-    present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
+    _present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:
-        log_page(directory)
+        _log_page(directory)
     if outcome.failed:
         raise typer.Exit(_log_failures(outcome, directory / "failures.csv"))
 
@@ -133,6 +131,73 @@ def _log_failures(outcome: "CampaignOutcome", file: Path) -> int:
     if others := outcome.failed - unusable:
         messages.log.error("%s failed: see %s; --retry-failed tries again", counted(others, "trial"), file)
     return 1 if others else InputError.exit_code
+
+
+@command(example="midnet-bench report results/detection --x thresh_local --y f1 --format pdf")
+def report(
+    directory: options.ResultsFolder,
+    x: str | None = None,
+    y: str | None = None,
+    formats: str | None = None,
+    output: Path | None = None,
+    trust: options.Trust = False,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+) -> None:
+    """Rebuild all tables, figures and the page from the stored trials, without simulating.
+
+    With --x, --y, --format or -o only figures are drawn.
+
+    Options:
+        x FACTOR: Draw scores over this numeric factor of the grid.
+        y COLUMN: Which score, such as f1, or another column (default the main scores).
+        formats --format NAME,NAME: Formats of the figures: pdf, png, svg (default png,svg).
+        output PATH: Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.
+    """
+    if x or y or formats or output:
+        from midnet_bench.workflows.report import plot
+
+        wanted = None if formats is None else [part.strip() for part in formats.split(",")]
+        for file in plot(directory, output, x, y, wanted):
+            typer.echo(file)
+        return
+    if not _present(directory, as_json, wide=wide):
+        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
+        raise InputError(f"{directory}: no finished trial yet{hint}")
+    if not as_json:
+        _log_page(directory)
+
+
+def _present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
+    """Write a campaign's CSV files, tables and figures, and print the result; whether any trial finished.
+
+    Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.
+    """
+    from midnet_bench.workflows.report import write_report
+
+    results, tables, printed, first = write_report(directory, drawn_from)
+    if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
+        from midnet_bench.workflows import standing
+
+        if standing.is_standard(results.definition):
+            first = standing.headline(results)
+    if as_json:
+        show(results.definition.experiment, tables, as_json)
+    elif first is not None and not wide:
+        show(None, first.tables)
+        print_lines([*first.conclusion, *first.notes, "", first.following])
+    elif results.finished:
+        show(None, printed, wide=wide)
+    return results.finished > 0
+
+
+def _log_page(directory: Path) -> None:
+    """The last line of a command that wrote a campaign's page: what to open."""
+    page = directory / "report.html"
+    if page.exists():
+        messages.note(f"Open {page}")
+    else:
+        messages.log_folder(directory)
 
 
 @command(example="midnet-bench size office --within 60 --probability 0.9")

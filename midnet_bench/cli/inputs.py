@@ -7,7 +7,7 @@ import typer
 
 from midnet_bench.cli import completion, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.terminal import print_json
+from midnet_bench.cli.messages import filled, print_json, width
 from midnet_bench.errors import InputError, nearest_name
 
 if TYPE_CHECKING:
@@ -47,8 +47,6 @@ def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
         rows = [_described(one) for one in options]
         print_json({"schema": 1, "experiment": experiment, "parameters": rows})
         return
-    from midnet_bench.cli.terminal import filled, width
-
     lines, group = [experiment], ""
     for one in options:
         if one.group != group:
@@ -88,8 +86,6 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
 
 def _print_paragraph(text: str) -> None:
     """A paragraph, indented, as wide as the terminal."""
-    from midnet_bench.cli.terminal import filled, width
-
     typer.echo("\n" + "\n".join(f"  {line}" for line in filled(text, max(40, width()) - 2)))
 
 

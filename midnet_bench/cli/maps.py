@@ -9,7 +9,7 @@ import typer
 
 from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.terminal import print_json, show
+from midnet_bench.cli.messages import print_json, show
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:

@@ -159,6 +159,21 @@ def _trust(is_given: bool) -> None:
         provenance.all_code = is_given
 
 
+def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
+    """The same. Raises InputError, with a hint, if one is no folder."""
+    for each in directories if isinstance(directories, list) else [directories]:
+        if each.is_file():
+            raise InputError(f"{each}: this is a file; give the campaign's folder, {each.parent}")
+        if not each.is_dir():
+            raise InputError(f"{each}: there is no such folder; give a campaign's, such as results/labyrinth")
+    return directories
+
+
+def results_folder(metavar: str, help: str) -> Any:
+    """An argument that names a campaign's folder."""
+    return argument(metavar, help, completion.results, callback=_is_folder)
+
+
 Seed = Annotated[int, option("N", "Random seed.", min=0)]
 Settings = Annotated[list[str] | None, _settings()]
 Sweep = Annotated[list[str] | None, _settings("KEY=VALUE,VALUE runs each value. ")]
@@ -181,6 +196,7 @@ Where = Annotated[
     ),
 ]
 ArenaFile = Annotated[str, argument("ARENA", "A packaged arena or a YAML file.", completion.arenas)]
+ResultsFolder = Annotated[Path, results_folder("DIR", "A campaign's folder, such as results/labyrinth.")]
 Given = TypeVar("Given")
 
 

@@ -11,7 +11,7 @@ import typer
 
 from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.terminal import show
+from midnet_bench.cli.messages import show
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,76 +1,24 @@
-"""The commands that read a campaign's results: ``report``, ``compare``, ``verify`` and ``errors``."""
+"""The commands that read a campaign's results: ``compare``, ``verify`` and ``errors``."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.terminal import print_lines, show
+from midnet_bench.cli.messages import print_lines, show
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
 
 
-def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
-    """The same. Raises InputError, with a hint, if one is no folder."""
-    for each in directories if isinstance(directories, list) else [directories]:
-        if each.is_file():
-            raise InputError(f"{each}: this is a file; give the campaign's folder, {each.parent}")
-        if not each.is_dir():
-            raise InputError(f"{each}: there is no such folder; give a campaign's, such as results/labyrinth")
-    return directories
-
-
-def _folder(metavar: str, help: str) -> Any:
-    return options.argument(metavar, help, completion.results, callback=_is_folder)
-
-
-Directory = Annotated[Path, _folder("DIR", "A campaign's folder, such as results/labyrinth.")]
-
-
-@command(example="midnet-bench report results/detection --x thresh_local --y f1 --format pdf")
-def report(
-    directory: Directory,
-    x: str | None = None,
-    y: str | None = None,
-    formats: str | None = None,
-    output: Path | None = None,
-    trust: options.Trust = False,
-    as_json: options.Json = False,
-    wide: options.Wide = False,
-) -> None:
-    """Rebuild all tables, figures and the page from the stored trials, without simulating.
-
-    With --x, --y, --format or -o only figures are drawn.
-
-    Options:
-        x FACTOR: Draw scores over this numeric factor of the grid.
-        y COLUMN: Which score, such as f1, or another column (default the main scores).
-        formats --format NAME,NAME: Formats of the figures: pdf, png, svg (default png,svg).
-        output PATH: Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.
-    """
-    if x or y or formats or output:
-        from midnet_bench.workflows.report import plot
-
-        wanted = None if formats is None else [part.strip() for part in formats.split(",")]
-        for file in plot(directory, output, x, y, wanted):
-            typer.echo(file)
-        return
-    if not present(directory, as_json, wide=wide):
-        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
-        raise InputError(f"{directory}: no finished trial yet{hint}")
-    if not as_json:
-        log_page(directory)
-
-
 @command(example="midnet-bench compare results/one results/other -o results/comparison")
 def compare(
     directories: Annotated[
         list[Path],
-        _folder(
+        options.results_folder(
             "DIR...", "Two or more folders of campaigns of one experiment; one with --by, --rank or --exact."
         ),
     ],
@@ -151,7 +99,7 @@ def compare(
 
 @command(example="midnet-bench verify results/labyrinth")
 def verify(
-    directory: Directory,
+    directory: options.ResultsFolder,
     everything: bool = False,
     difference: float | None = None,
     robots: str | None = None,
@@ -207,7 +155,7 @@ def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
 
 @command(example="midnet-bench errors results/detection --robots 5 --seed 3 --frame 60")
 def errors(
-    directory: Directory,
+    directory: options.ResultsFolder,
     robots: int | None = None,
     where: options.Where = None,
     seed: int | None = None,
@@ -266,35 +214,3 @@ def errors(
             workflow.grids(directory, seed, frame, own, grids)
             if not as_json:
                 messages.log_folder(grids)
-
-
-def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
-    """Write a campaign's CSV files, tables and figures, and print the result; whether any trial finished.
-
-    Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.
-    """
-    from midnet_bench.workflows.report import write_report
-
-    results, tables, printed, first = write_report(directory, drawn_from)
-    if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
-        from midnet_bench.workflows import standing
-
-        if standing.is_standard(results.definition):
-            first = standing.headline(results)
-    if as_json:
-        show(results.definition.experiment, tables, as_json)
-    elif first is not None and not wide:
-        show(None, first.tables)
-        print_lines([*first.conclusion, *first.notes, "", first.following])
-    elif results.finished:
-        show(None, printed, wide=wide)
-    return results.finished > 0
-
-
-def log_page(directory: Path) -> None:
-    """The last line of a command that wrote a campaign's page: what to open."""
-    page = directory / "report.html"
-    if page.exists():
-        messages.note(f"Open {page}")
-    else:
-        messages.log_folder(directory)

@@ -1,11 +1,9 @@
 """What section IV leaves open. It stands apart from what works by it, whose imports take longer."""
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
-from midnet_bench.errors import InputError
-from midnet_bench.settings import Settings, option
+from midnet_bench.settings import Settings, inner, option
 
 Align = Literal["floor", "origin"]
 AllyRemove = Literal["first", "best", "all"]
@@ -69,9 +67,9 @@ class MIDNetSettings(Settings):
         le=1000,
         source="paper: IV.B.4, each contour has a box",
     )
-    deflate_boxes_m: float = 0.0
-    """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
-    return_area_m2: float = 0.0
+    deflate_boxes_m: float = inner(0.0, ge=0)
+    """taken off each side of a box as soon as it is found; changes every later IoU (item 25)"""
+    return_area_m2: float = inner(0.0, ge=0)
     """from which on a return counts as one for ``min_returns``; 0: each does; ``detectors/evidence.py``"""
     ally_diameter_m: float = option(
         0.225,
@@ -101,9 +99,3 @@ class MIDNetSettings(Settings):
         le=1,
         source="ours: IV.C.2 gives no number; t of Algorithm 2",
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for key in ("deflate_boxes_m", "return_area_m2"):
-            if not 0.0 <= (value := getattr(self, key)) < math.inf:
-                raise InputError(f"midnet: {key}: {value} is out of range; allowed: 0 or more")

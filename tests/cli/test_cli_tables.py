@@ -13,7 +13,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table, rounded, signed
-from midnet_bench.cli.terminal import MOST_COLUMNS, drawn
+from midnet_bench.cli.messages import MOST_COLUMNS, drawn
 from midnet_bench.experiments.detection.headline import headline
 from midnet_bench.workflows.report import REFERENCE
 from tests.cli.command import REPOSITORY, midnet_bench, worked

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.arena import prior_maps as explored_map
+from midnet_bench.arena import arena
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.definition import Campaign, resolve
@@ -41,7 +41,7 @@ def as_explored(arena_name: str) -> OccupancyGrid:
 @pytest.fixture
 def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package folder that holds an explored map of map1 alone."""
-    monkeypatch.setattr(explored_map, "FOLDER", tmp_path)
+    monkeypatch.setattr(arena, "MAPS", tmp_path)
     save_map(as_explored("map1"), tmp_path / "map1.yaml")
     return tmp_path
 
@@ -61,7 +61,7 @@ def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: py
     later = packaged / "later"
     later.mkdir()
     save_map(other, later / "map1.yaml")
-    monkeypatch.setattr(explored_map, "FOLDER", later)
+    monkeypatch.setattr(arena, "MAPS", later)
 
     new = DetectionParameters.of(prior_map="explored")
     ids = {TrialSpec("detection", values.flat_values(), 1).trial_id for values in (old, new)}

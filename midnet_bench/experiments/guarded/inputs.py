@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from midnet_bench.arena.arena import Arena, arena_names, checked_arena, load_arena
-from midnet_bench.arena.prior_maps import explored_map, render_exact
+from midnet_bench.arena.arena import Arena, arena_names, checked_arena, explored_map, load_arena
+from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec
