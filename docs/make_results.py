@@ -5,7 +5,7 @@ import textwrap
 from itertools import chain
 from pathlib import Path
 
-from midnet_bench.campaign.tables import TIMING_TABLE, Columns
+from midnet_bench.campaign.trial import TIMING_TABLE, Columns
 from midnet_bench.experiments.columns import DETECTION, LABYRINTH, MAPPING
 
 PAGE = Path(__file__).with_name("results.md")

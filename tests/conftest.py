@@ -29,8 +29,7 @@ def campaign_folder(directory: Path, **campaign: Any) -> Path:
     from midnet_bench.campaign.definition import Campaign, resolve
     from midnet_bench.campaign.provenance import collect
     from midnet_bench.campaign.store import FILE_NAME, export_csv, open_or_create
-    from midnet_bench.campaign.tables import encode_tables
-    from midnet_bench.campaign.trial import Outcome, run_alone
+    from midnet_bench.campaign.trial import Outcome, encode_tables, run_alone
     from midnet_bench.experiments import registry
 
     resolved = resolve(Campaign.model_validate(campaign), registry)

@@ -7,8 +7,7 @@ from pathlib import Path
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec, encode_tables
 from midnet_bench.scoring.frame_counts import Causes
 
 Caught = Callable[[int, int, int], int]  # (intruders, robots, seed) -> how many were caught

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.io.parameters import Parameters, flat_model
+from midnet_bench.io.checked_yaml import Parameters, flat_model
 from midnet_bench.settings import (
     Scalar,
     Settings,

@@ -26,17 +26,20 @@ import pandas as pd
 from midnet_bench.campaign.definition import Definition, shown_cell
 from midnet_bench.campaign.provenance import Provenance, versions_note
 from midnet_bench.campaign.store import FILE_NAME, Store, export_csv, open_store
-from midnet_bench.campaign.tables import (
+from midnet_bench.campaign.trial import (
     FAILURES,
     TIMING,
     TIMING_TABLE,
+    VARIANT,
     Column,
     Columns,
+    Row,
+    Scalar,
     Tables,
     cell_text,
+    factor_text,
     shown,
 )
-from midnet_bench.campaign.trial import VARIANT, Row, Scalar, factor_text
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.files import read_bounded, temporary_folder
 

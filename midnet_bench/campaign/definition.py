@@ -18,11 +18,18 @@ from typing import Annotated, Any, Protocol
 
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator, model_validator
 
-from midnet_bench.campaign.tables import Tables
-from midnet_bench.campaign.trial import VARIANT, Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import (
+    VARIANT,
+    Cell,
+    RunTrials,
+    Scalar,
+    Sharing,
+    Tables,
+    TrialResult,
+    TrialSpec,
+)
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters, Spec, load_yaml, parse, read_yaml
 from midnet_bench.plugins import Source, code_in, reference_to, take_sources
 from midnet_bench.settings import without_effect
 
@@ -43,7 +50,7 @@ class Experiment(Protocol):
     """What the engine uses of an experiment."""
 
     @property
-    def model(self) -> type[Parameters]:
+    def parameters(self) -> type[Parameters]:
         """The class of its parameters."""
 
     @property
@@ -400,7 +407,7 @@ def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
 
 def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     experiment = experiments.experiment(campaign.experiment)
-    model, axes = experiment.model, campaign.axes
+    model, axes = experiment.parameters, campaign.axes
     _check_keys(campaign, experiment)
     count = math.prod(map(len, axes.values()))
     if count > MAX_CELLS:
@@ -463,7 +470,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
 
 def _check_keys(campaign: Campaign, experiment: Experiment) -> None:
     """Raises InputError unless every key is a parameter of the experiment, and given in one place."""
-    known = experiment.model.defaults()
+    known = experiment.parameters.defaults()
     if VARIANT in known:
         raise InputError(f"'{VARIANT}' is a campaign's own axis; rename that parameter")
     sections: dict[str, Mapping[str, object]] = {"grid": campaign.grid, "parameters": campaign.parameters}

@@ -23,8 +23,7 @@ from typing import IO, Any, Protocol
 import joblib
 
 from midnet_bench import compiled
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import Outcome, RunTrials, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Outcome, RunTrials, TrialResult, TrialSpec, encode_tables
 from midnet_bench.errors import InputError, MidnetBenchError
 
 try:

@@ -33,19 +33,22 @@ except ImportError:  # Windows
 from midnet_bench.campaign.definition import FILE_NAME as FILE_NAME
 from midnet_bench.campaign.definition import Definition, differences, shown_cell
 from midnet_bench.campaign.provenance import Provenance, now_utc
-from midnet_bench.campaign.tables import (
+from midnet_bench.campaign.trial import (
     FAILURES,
     TIMING,
     TIMING_TABLE,
-    CsvFile,
+    Cell,
+    Outcome,
+    Row,
+    Scalar,
     Tables,
+    TrialSpec,
     check_tables,
     decode_tables,
     shown,
 )
-from midnet_bench.campaign.trial import Cell, Outcome, Row, Scalar, TrialSpec
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.io.files import temporary_path
+from midnet_bench.io.files import CsvFile, temporary_path
 
 APPLICATION_ID = 0x4D49444E  # ``MIDN``: SQLite's mark of the program that a file belongs to
 FORMAT = 4
@@ -161,7 +164,7 @@ class StoredTrial:
         """The tables of a finished trial.
 
         Args:
-            expected: the experiment's tables; see :func:`~midnet_bench.campaign.tables.check_tables`.
+            expected: the experiment's tables; see :func:`~midnet_bench.campaign.trial.check_tables`.
             factors: of the campaign's grid, to name the trial by.
 
         Raises:

@@ -52,7 +52,7 @@ def render(
     parameters = options.joined(chosen, settings, map_file)
     found = registry.experiment(experiment)
     options.check_values(experiment, chosen, "--{key}")
-    if "robots" in found.model.defaults():
+    if "robots" in found.parameters.defaults():
         parameters = {"robots": ROBOTS, **parameters}
     directory = output or options.RESULTS / f"render-{found.name}-{seed}"
     with meter() as bar:

@@ -4,7 +4,7 @@ A trial's tables are held to them when it ends and when a store or a CSV file is
 the bounds of ``compare --exact`` are made of them. No factor of a grid may have the name of a column.
 """
 
-from midnet_bench.campaign.tables import ANY_DRIFT, LARGEST, Column, Columns, Drift, Tables
+from midnet_bench.campaign.trial import ANY_DRIFT, LARGEST, Column, Columns, Drift, Tables
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
 LONGEST_RECORD = 20_000  # characters of what is kept of one frame in one column

@@ -8,10 +8,7 @@ by an entry point of the group ``midnet_bench.experiments``.
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
-
-from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,9 +17,8 @@ if TYPE_CHECKING:
     from midnet_bench.analysis.claims import Finding
     from midnet_bench.analysis.frames import Results
     from midnet_bench.analysis.tables import Table
-    from midnet_bench.campaign.tables import Tables
-    from midnet_bench.campaign.trial import Sharing, TrialResult
-    from midnet_bench.io.parameters import Parameters
+    from midnet_bench.campaign.trial import Sharing, Tables, TrialResult
+    from midnet_bench.io.checked_yaml import Parameters
     from midnet_bench.page.recording import Recording
 
 WANTED_LOW = ("_s", "_m", "_switches", "never_detected")  # how names of metrics end of which less is better
@@ -56,8 +52,7 @@ class Experiment:
 
     name: str
     summary: str  # one sentence for the help
-    parameters: "type[Parameters] | str"
-    """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
+    parameters: "type[Parameters]"  # the class of its parameters
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
     result_key: Callable[[Any], Hashable] | None = None
@@ -132,9 +127,3 @@ class Experiment:
     def has_figures(self) -> bool:
         """Whether it draws a campaign's results in a way of its own."""
         return self.figures is not _no_figures
-
-    @cached_property
-    def model(self) -> "type[Parameters]":
-        """The class of the parameters, imported if ``parameters`` is a reference."""
-        model = load_reference(self.parameters) if isinstance(self.parameters, str) else self.parameters
-        return model

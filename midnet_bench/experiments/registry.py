@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from midnet_bench.campaign.tables import check_tables, shown
-from midnet_bench.campaign.trial import VARIANT
+from midnet_bench.campaign.trial import VARIANT, check_tables, shown
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.experiment import Experiment
@@ -17,9 +16,8 @@ if TYPE_CHECKING:
 
     from midnet_bench.analysis.frames import Results
     from midnet_bench.campaign.definition import Definition
-    from midnet_bench.campaign.tables import Tables
-    from midnet_bench.campaign.trial import TrialResult, TrialSpec
-    from midnet_bench.io.parameters import Parameters
+    from midnet_bench.campaign.trial import Tables, TrialResult, TrialSpec
+    from midnet_bench.io.checked_yaml import Parameters
 
 ENTRY_POINTS = "midnet_bench.experiments"  # the group under which an installed package offers experiments
 
@@ -93,7 +91,7 @@ def columns_of(found: Experiment, definition: "Definition", directory: "Path") -
     from midnet_bench.campaign.definition import SEVERAL
     from midnet_bench.settings import leaves
 
-    known = leaves(found.model)
+    known = leaves(found.parameters)
     values = [one for one in definition.parameters.items() if one[0] in known and SEVERAL not in str(one[1])]
     grid = definition.grid.items()
     for name, value in [*values, *((name, one) for name, many in grid if name != VARIANT for one in many)]:
@@ -107,7 +105,7 @@ def columns_of(found: Experiment, definition: "Definition", directory: "Path") -
 
 def parameters_model(name: str) -> "type[Parameters]":
     """The class of an experiment's parameters. Raises InputError as :func:`experiment`."""
-    return experiment(name).model
+    return experiment(name).parameters
 
 
 def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
@@ -118,7 +116,7 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     ``report`` would refuse them.
     """
     found, seed = experiment(specs[0].experiment), specs[0].seed
-    parameters = [found.model.from_flat(spec.settings) for spec in specs]
+    parameters = [found.parameters.from_flat(spec.settings) for spec in specs]
     keys = [found.sharing(each).result_key for each in parameters]
     different = dict(zip(reversed(keys), reversed(parameters), strict=True))  # the first of equal ones
     results: Sequence[TrialResult | Exception]
@@ -159,10 +157,10 @@ def _checked_result(
 def _checked(reference: str, found: object) -> Experiment:
     if not isinstance(found, Experiment):
         raise InputError(f"{reference}: expected an Experiment, got {type(found).__name__}")
-    from midnet_bench.io.parameters import flat_model
+    from midnet_bench.io.checked_yaml import flat_model
 
     try:
-        flat_model(found.model)
+        flat_model(found.parameters)
     except InputError:
         raise
     except Exception as error:  # whatever pydantic raises at options of a user

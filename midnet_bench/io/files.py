@@ -1,6 +1,7 @@
 """Files that are there in full or not at all, and one rule for a full disk."""
 
 import contextlib
+import csv
 import errno
 import glob
 import gzip
@@ -12,11 +13,12 @@ import secrets
 import shutil
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import midnet_bench
 from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.settings import Scalar
 
 try:
     import fcntl
@@ -213,3 +215,43 @@ def shipped_folder(name: str, in_repository: str) -> Path:
     """
     installed = PACKAGE / name
     return installed if installed.is_dir() else PACKAGE.parent / in_repository
+
+
+class CsvFile:
+    """A CSV file that is written row by row; a context manager. Its columns may become more on the way."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = path.open("w", encoding="utf-8", newline="")
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._columns: dict[str, None] = {}
+        self._header: tuple[str, ...] | None = None
+
+    def add(self, key: Mapping[str, Scalar], rows: Iterable[Mapping[str, Scalar]]) -> None:
+        """Rows behind what they all begin with."""
+        for row in rows:
+            values = {**key, **row}
+            if tuple(values) != self._header:
+                self._columns |= dict.fromkeys(values)
+                if self._header is None:
+                    self._header = tuple(values)
+                    self._writer.writerow(values)
+                values = {column: values.get(column) for column in self._columns}
+            # the writer leaves None empty, and writes floats as repr does
+            self._writer.writerow([None if value != value else value for value in values.values()])
+
+    def __enter__(self) -> "CsvFile":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with self._file:
+            if kind is None and self._header is None:
+                self._writer.writerow([])
+        if kind is None and len(self._columns) > len(self._header or ()):
+            # under all columns; rows that came before a column have an empty cell in it
+            with self._path.open(encoding="utf-8", newline="") as file:
+                lines = list(csv.reader(file))[1:]
+            with self._path.open("w", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(self._columns)
+                writer.writerows(line + [""] * (len(self._columns) - len(line)) for line in lines)

@@ -225,7 +225,7 @@ def compile_kernels() -> None:
 def _run_short(name: str, **values: Scalar) -> None:
     """One short trial of an experiment of ours. Raises what the trial raises."""
     found = registry.experiment(name)
-    found.run(found.model.parse({**SHORT[name], **values}, name), 1)
+    found.run(found.parameters.parse({**SHORT[name], **values}, name), 1)
 
 
 @contextlib.contextmanager

@@ -468,7 +468,7 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
     table = Table(f"{y or 'scores'}_by_{x}", title, rows, bounds={"mean": ("low", "high", "seeds")})
     from midnet_bench.drawing.charts import axis_label, scores_figure
 
-    leaf = leaves(record.model).get(x)
+    leaf = leaves(record.parameters).get(x)
     ranges = {measure: record.range_of(measure) for measure in means}
     return table, scores_figure(axis_label(x, leaf.help if leaf else ""), means, panels, ranges)
 

@@ -11,7 +11,7 @@ import pandas as pd
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Campaign, Definition, Values, parse_campaign, resolve
-from midnet_bench.campaign.tables import Tables
+from midnet_bench.campaign.trial import Tables
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
 from midnet_bench.workflows import compare as comparison

@@ -48,7 +48,7 @@ def export_trial(
     found = registry.experiment(experiment)
     # what is kept and measured of a trial has no place in a bag
     given = {key: value for key, value in parameters.items() if key not in ("record", "metrics")}
-    checked = found.model.parse(given, f"export: {experiment}")
+    checked = found.parameters.parse(given, f"export: {experiment}")
     trial: Any = None if found.trial is None else found.trial(checked, seed)
     has_guards = isinstance(trial, GuardedArena)
     if not has_guards:

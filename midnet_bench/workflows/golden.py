@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from midnet_bench.campaign.provenance import Provenance, collect
-from midnet_bench.campaign.tables import ANY_DRIFT, Drift
+from midnet_bench.campaign.trial import ANY_DRIFT, Drift
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.io.files import installed, shipped_folder, write_atomically

@@ -68,5 +68,5 @@ def simulate(
     if found.trial is None:
         raise InputError(f"simulate: '{experiment}' has no frames; detection and labyrinth have")
     given = {key: reference_to(value) for key, value in parameters.items()}
-    checked = found.model.parse(given, f"simulate: {experiment}")
+    checked = found.parameters.parse(given, f"simulate: {experiment}")
     return Simulation(found.trial(checked, seed), explain)

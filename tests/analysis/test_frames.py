@@ -12,8 +12,7 @@ from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec, encode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import tables_of
 from midnet_bench.workflows.report import write_report

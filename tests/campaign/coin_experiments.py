@@ -3,10 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from midnet_bench.campaign.tables import Column, Columns, Tables
-from midnet_bench.campaign.trial import Sharing
+from midnet_bench.campaign.trial import Column, Columns, Sharing, Tables
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 from tests.campaign.coin_trial import run_trial as run_trial
 from tests.campaign.coin_trial import run_trials as run_trials
@@ -27,7 +26,7 @@ class CoinParameters(Parameters):
 class Coins:
     """As an experiment of the registry."""
 
-    model = CoinParameters
+    parameters = CoinParameters
     columns: ClassVar[Tables] = {"tosses": Columns({"heads": Column(int), "noise_bytes": Column(int)})}
 
     def sharing(self, parameters: CoinParameters) -> Sharing:

@@ -5,7 +5,7 @@ from random import Random
 
 from midnet_bench.campaign.trial import TrialResult
 from midnet_bench.experiments.experiment import Experiment
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 
 validations = 0

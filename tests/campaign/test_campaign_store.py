@@ -11,8 +11,7 @@ from midnet_bench.campaign.definition import Campaign, Definition, resolve
 from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, back_up, only_writer, open_or_create, open_store
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import Outcome, TrialSpec
+from midnet_bench.campaign.trial import Outcome, TrialSpec, encode_tables
 from midnet_bench.errors import InputError
 from tests.campaign import coin_experiments as coins
 

@@ -12,8 +12,7 @@ from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.runner import MOST_TOGETHER, pending_trials, run_campaign
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_or_create, open_store
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import TrialResult, TrialSpec
+from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables
 from tests.campaign import coin_experiments as coins
 
 BIASES = [0.2, 0.4, 0.6, 0.8]

@@ -14,8 +14,7 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import FILE_NAME, open_store
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
+from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables, run_alone
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key

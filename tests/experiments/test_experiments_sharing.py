@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from midnet_bench.campaign.tables import encode_tables
-from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
+from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables, run_alone
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.guarded import sharing
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters

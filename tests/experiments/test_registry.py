@@ -14,7 +14,7 @@ DICE = """
 from dataclasses import dataclass
 from midnet_bench.campaign.trial import TrialResult
 from midnet_bench.experiments.experiment import Experiment
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.rng import stream
 from midnet_bench.settings import option
 

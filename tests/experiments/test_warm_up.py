@@ -58,7 +58,7 @@ def test_what_fails_is_left_to_the_trials_and_tried_again(
 
 def test_every_experiment_of_ours_has_a_short_trial() -> None:
     for name, short in campaigns.SHORT.items():
-        model = registry.experiment(name).model
+        model = registry.experiment(name).parameters
         assert model.parse(short, name).expected_wall_s < model().expected_wall_s
     assert list(campaigns.SHORT) == registry.names()[: len(campaigns.SHORT)]
 

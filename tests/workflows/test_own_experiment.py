@@ -24,7 +24,7 @@ from midnet_bench.analysis.statistics import mean
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
 from midnet_bench.experiments.experiment import Experiment
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.rng import stream
 from midnet_bench.settings import option
 

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.tables import TIMING_TABLE
+from midnet_bench.campaign.trial import TIMING_TABLE
 from midnet_bench.experiments.columns import DETECTION, LABYRINTH, MAPPING
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.compare import compare, sweeps

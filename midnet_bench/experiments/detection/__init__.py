@@ -3,13 +3,14 @@
 import math
 
 from midnet_bench.experiments import columns
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
 
 DETECTION = Experiment(
     name="detection",
     summary="Map 1, section V.A: which intruders are detected, frame by frame.",
-    parameters="midnet_bench.experiments.detection.parameters:DetectionParameters",
+    parameters=DetectionParameters,
     run=later("midnet_bench.experiments.detection.trial:run_detection"),
     result_key=later("midnet_bench.experiments.detection.parameters:result_key"),
     simulation_key=later("midnet_bench.experiments.detection.parameters:simulation_key"),

@@ -16,7 +16,7 @@ from midnet_bench.experiments.guarded.inputs import (
     inline_prior_map,
     prior_map_from,
 )
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings

@@ -4,12 +4,13 @@ import math
 
 from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.plugins import later
 
 LABYRINTH = Experiment(
     name="labyrinth",
     summary="Map 2, section V.B: which intruders are caught before they escape.",
-    parameters="midnet_bench.experiments.labyrinth.parameters:LabyrinthParameters",
+    parameters=LabyrinthParameters,
     run=later("midnet_bench.experiments.labyrinth.trial:run_labyrinth"),
     result_key=later("midnet_bench.experiments.guarded.sharing:result_key"),
     columns=columns.LABYRINTH,

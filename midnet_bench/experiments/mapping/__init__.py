@@ -2,12 +2,13 @@
 
 from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.plugins import later
 
 MAPPING = Experiment(
     name="mapping",
     summary="Section II.A: how robots explore an unknown arena and map it.",
-    parameters="midnet_bench.experiments.mapping.parameters:MappingParameters",
+    parameters=MappingParameters,
     run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
     columns=columns.MAPPING,
     tables=later("midnet_bench.experiments.mapping.tables:tables"),

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from midnet_bench.agents.agent_settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
-from midnet_bench.io.parameters import Parameters
+from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings

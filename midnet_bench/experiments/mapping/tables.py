@@ -11,7 +11,7 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, exact_mean
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.campaign.tables import shown
+from midnet_bench.campaign.trial import shown
 from midnet_bench.errors import InputError
 
 MEASURES: Mapping[str, bool] = {
