@@ -1,4 +1,4 @@
-"""What one trial is, and what comes out of it: tables, what their columns hold, and their bytes in a store."""
+"""What one trial is, and what comes out of it: tables, what their columns hold, their bytes in a store."""
 
 import hashlib
 import json
