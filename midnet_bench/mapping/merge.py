@@ -159,7 +159,11 @@ class Fit(NamedTuple):
         return self.shared_m / total if total > 0.0 else 0.0
 
     def evidence_m(self, least_agreement: float) -> float:
-        """Shared wall less contradictions, these weighted so that it is 0 at ``least_agreement``."""
+        """Shared wall less contradictions, weighted so that it is 0 at ``least_agreement``; at 1, -inf."""
+        if self.contradicted_m == 0.0:
+            return self.shared_m
+        if least_agreement >= 1.0:
+            return -math.inf
         return self.shared_m - self.contradicted_m * least_agreement / (1.0 - least_agreement)
 
 

@@ -307,8 +307,9 @@ def path_down(
     (``settled_below``), whence it might be a detour.
 
     Steps are half a cell along the bilinearly interpolated descent; where a potential is missing around the
-    point, or the descent vanishes or swings to and fro, the step goes to the lowest neighbour instead. A
-    start without any potential around it is first moved to the lowest cell within ``_ESCAPE_CELLS``.
+    point, or the descent vanishes or swings to and fro, the step goes to the lowest neighbour instead. Where
+    the descent goes round in a wider circle, the path begins anew and takes such steps alone. A start
+    without any potential around it is first moved to the lowest cell within ``_ESCAPE_CELLS``.
     """
     height, width = potential.shape
     # in cells, with cell centres at whole numbers
@@ -320,8 +321,12 @@ def path_down(
         return points[:0].copy(), False
     x, y = math.floor(start_x), math.floor(start_y)
     offset_x, offset_y = start_x - x, start_y - y
-    search, count, found = 1, 0, False
-    while count < limit:
+    search, count, found, is_smooth = 1, 0, False, True
+    while count < limit or is_smooth:
+        if count == limit:
+            count, is_smooth = 0, False
+            x, y = math.floor(start_x), math.floor(start_y)
+            offset_x, offset_y = start_x - x, start_y - y
         if not (1 <= x <= width - 2 and 1 <= y <= height - 2):
             # The outermost ring never carries a potential.
             if count == 0:
@@ -342,7 +347,7 @@ def path_down(
             and points[count - 1, 0] == points[count - 3, 0]
             and points[count - 1, 1] == points[count - 3, 1]
         )
-        if not swings and potential[y - 1 : y + 2, x - 1 : x + 2].max() < UNREACHED:
+        if is_smooth and not swings and potential[y - 1 : y + 2, x - 1 : x + 2].max() < UNREACHED:
             a, b = _descent(potential, x, y), _descent(potential, x + 1, y)
             c, d = _descent(potential, x, y + 1), _descent(potential, x + 1, y + 1)
             down_x = _between(a[0], b[0], c[0], d[0], offset_x, offset_y)

@@ -9,6 +9,7 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.merge import (
+    Fit,
     MergeSettings,
     by_features,
     by_known_starts,
@@ -224,6 +225,12 @@ def test_start_poses_are_metres_in_the_common_frame():
     for x, y, value in ((1.25, 0.0, 0), (1.75, 0.0, 100), (1.0, 2.25, 0), (1.0, 2.75, 100), (1.75, 2.0, -1)):
         column, row = merged.cell_at(x, y)
         assert merged.data[row, column] == value
+
+
+def test_where_full_agreement_is_asked_for_a_contradiction_outweighs_all_that_is_shared():
+    assert Fit(2.0, 0.0).evidence_m(1.0) == 2.0
+    assert Fit(2.0, 0.05).evidence_m(1.0) == -math.inf
+    assert Fit(2.0, 1.0).evidence_m(0.5) == 1.0
 
 
 @pytest.mark.slow

@@ -96,6 +96,7 @@ def test_potentials_are_nearly_those_of_a_heap(seed: int) -> None:
 @pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@example(23530280)
 def test_a_path_exists_exactly_where_cells_connect_and_avoids_obstacles(seed: int) -> None:
     rng = np.random.default_rng(seed)
     costs = random_floor(rng)
