@@ -75,7 +75,7 @@ def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
         for off in ({}, {"localize": False})
     )
     assert corrected < 0.05
-    assert plain > 0.5
+    assert plain > 0.4
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import LidarGeometry, Pose2D
@@ -19,6 +18,8 @@ from midnet_bench.recording.poses import PoseInterpolator, PoseTrack, stamp_ns
 from midnet_bench.recording.setup import RecordingSetup
 
 Floats = npt.NDArray[np.float64]
+Points = npt.NDArray[np.complex128]
+"""(n,) x + iy, metres: a turn is one product"""
 
 ON_WALL_M, ON_WALL_CELLS = 0.075, 1.5
 """A return this near to a mapped wall lies on it: the larger of the two counts."""
@@ -99,13 +100,30 @@ class Walls:
         wall = solid - cv2.erode(solid, np.ones((depth, depth), np.uint8))
         self.distances_m = cells_to_unset(1 - wall).astype(np.float64) * grid.resolution
         """(H, W), from a cell's centre to that of the nearest occupied one of a wall"""
-        self._far_m = float(self.distances_m.max()) + 1.0
         self.first_center = grid.center_of(-margin, -margin)
 
     def distances(self, points: Floats) -> Floats:
-        """(n,) metres from (n, 2) points of the map frame to the nearest wall, read between the cells."""
-        column, row = ((points - self.first_center) / self.grid.resolution).T
-        return np.asarray(map_coordinates(self.distances_m, (row, column), order=1, cval=self._far_m))
+        """(n,) metres from (n, 2) points of the map frame to the nearest wall."""
+        return self.read(points)[0]
+
+    def read(self, points: Floats) -> tuple[Floats, Points]:
+        """The same and (n,) its slope along x and y as x + iy, both read between the centres of four cells.
+
+        A point beyond the margin has the distance of the margin's nearest cell.
+        """
+        columns, cell_m = self.distances_m.shape[1], self.grid.resolution
+        # short of the last centres, so that each point has cells to its right and above
+        last = np.array(self.distances_m.shape[::-1]) - 1.001
+        at = np.clip((points - self.first_center) / cell_m, 0.0, last)
+        cells = at.astype(np.int64)
+        (x, y), first = (at - cells).T, cells @ (1, columns)
+        low, right, high, high_right = (
+            self.distances_m.take(first + to) for to in (0, 1, columns, columns + 1)
+        )
+        low_rise, high_rise = right - low, high_right - high
+        low, high = low + x * low_rise, high + x * high_rise
+        slopes = low_rise + y * (high_rise - low_rise) + 1j * (high - low)
+        return low + y * (high - low), slopes / cell_m
 
     def unmapped(self, points: Floats) -> npt.NDArray[np.bool_]:
         """(n,) whether each of (n, 2) points lies outside the map or in a cell that it does not know."""

@@ -1,6 +1,7 @@
 """Whether scans, poses and map fit, which key corrects what is wrong, and where odometry began."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -227,19 +228,15 @@ def _is_worth(before: Candidate, after: Candidate) -> bool:
 def _range(search: Search, best: Candidate, number: int) -> Range:
     """Where the share falls below the best by more than noise, on both sides of the best value."""
     least, farthest = best.share - search.noise, list(PARAMETERS.values())[number]
-    ends = []
-    for sign in (-1.0, 1.0):
-        inside, is_open = 0.0, True
-        for off in (farthest * np.geomspace(1.0 / 256.0, 1.0, 50)).tolist():
-            values = best.values.copy()
-            values[number] += sign * off
-            if search.candidate(values, best.is_mirrored).share < least:
-                is_open = False
-                break
-            inside = off
-        ends.append((inside, is_open))
-    (below, below_open), (above, above_open) = ends
-    return Range(below, above, below_open or above_open)
+    offsets = [0.0, *(farthest * np.geomspace(1.0 / 256.0, 1.0, 50)).tolist()]
+
+    def is_off(offset: float) -> bool:
+        values = best.values.copy()
+        values[number] += offset
+        return search.candidate(values, best.is_mirrored).share < least
+
+    below, above = (bisect_left(offsets, True, key=lambda off: is_off(sign * off)) for sign in (-1.0, 1.0))
+    return Range(offsets[below - 1], offsets[above - 1], max(below, above) == len(offsets))
 
 
 def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:

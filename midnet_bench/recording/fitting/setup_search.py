@@ -10,30 +10,26 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from scipy.optimize import approx_fprime, least_squares
+from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.fitting.fit import Sample, Walls
-
-Floats = npt.NDArray[np.float64]
-Points = npt.NDArray[np.complex128]
-"""(n,) x + iy, metres: a turn is one product"""
+from midnet_bench.recording.fitting.fit import Floats, Points, Sample, Walls
 
 MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
 """numbers of the values that a hypothesis may change"""
 LARGEST_DELAY_S, DELAY_STEP_S = 0.5, 0.02
-FAR_M = 1.0  # so far, along x and y, a moved map is looked for at first, in steps of a quarter of it
+FAR_M = 1.0  # so far, along x and y, a moved map is looked for at first, in steps of a third of it
 LARGEST_PICTURE_M = 400.0
 """from the middle of a robot's ways: a Fourier transform of a larger picture takes gigabytes"""
 TURNS = np.arange(72) * (math.tau / 72)
 STEPS_APART = 4  # of the starts of one search: nearer ones end in one place
-COARSE_M, NARROW_M = 0.3, 0.06  # Distance to a wall at which a return counts half, of starts and in the end.
-SCALES_M = (COARSE_M, NARROW_M)
-"""the same of the least squares, one after the other"""
-SETTLED = 0.005  # a step by so small a part of all that a value has moved is the last
+COARSE_M, NARROW_M = 0.3, 0.06  # Distance to a wall at which a return counts half, of starts and of scores.
+SCALES_M = (COARSE_M, 0.03)
+"""the same of the least squares, one after the other; by a wider last one, what is not on the map pulls"""
+SETTLED = 0.01  # a step by so small a part of all that a value has moved is the last
+START_RETURNS = 3  # starts are compared by one return in so many
 HELD = 0.004
 """A direction that no larger share of the returns constrains stays as it is: beside a wall, at rest."""
 CORRELATED_BEAMS = 10.0
@@ -116,18 +112,21 @@ class Search:
 
     def place(self, values: Floats, is_mirrored: bool = False) -> Floats:
         """(n, 2) where the returns lie, map frame."""
+        points, _, _ = self._placed(values, is_mirrored)
+        return points.view(np.float64).reshape(-1, 2)
+
+    def _placed(self, values: Floats, is_mirrored: bool) -> tuple[Points, Points, Points]:
+        """Where the returns lie, map frame; the headings of their robots; how they lie from the sensor."""
         x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
         at = (delay_s - self._delays_s[0]) / DELAY_STEP_S
         first = min(max(math.floor(at), 0), len(self._delays_s) - 2)
         poses = self._poses[:, first] + (at - first) * (self._poses[:, first + 1] - self._poses[:, first])
-        on_robot = complex(x, y) + (np.conj(self._ends) if is_mirrored else self._ends) * cmath.rect(
-            factor, yaw
-        )
+        ends = (np.conj(self._ends) if is_mirrored else self._ends) * cmath.rect(factor, yaw)
         robots = (
             (_points(poses[:, :2]) - self._middle) * cmath.rect(1.0, turn) + self._middle + complex(dx, dy)
         )
-        points = robots[self._owners] + np.exp(1j * (poses[:, 2] + turn))[self._owners] * on_robot
-        return points.view(np.float64).reshape(-1, 2)
+        headings = np.exp(1j * (poses[:, 2] + turn))[self._owners]
+        return robots[self._owners] + headings * (ends + complex(x, y)), headings, headings * ends
 
     def candidate(
         self, values: Floats, is_mirrored: bool = False, changed: tuple[int, ...] = ()
@@ -146,37 +145,52 @@ class Search:
         self, start: Candidate, changed: tuple[int, ...], scales_m: Sequence[float] = SCALES_M
     ) -> Candidate:
         """The best setup near ``start`` of those that differ from it in ``changed``, on these returns."""
-        values, chosen = start.values.copy(), list(changed)
+        values = start.values
         for scale_m in scales_m if changed else ():
-            fitted = least_squares(
-                self._residuals,
-                np.zeros(len(chosen)),
-                lambda *given: approx_fprime(given[0], self._residuals, 1e-4, *given[1:]),
-                method="lm",
-                xtol=SETTLED,
-                ftol=SETTLED * SETTLED,
-                args=(values.copy(), chosen, start.is_mirrored, scale_m),
-            )
-            values[chosen] += fitted.x / self.units[chosen]
-            values[3] = np.clip(values[3], -LARGEST_DELAY_S, LARGEST_DELAY_S)
+            values = self._fitted(values, list(changed), start.is_mirrored, scale_m)
         return self.candidate(values, start.is_mirrored, tuple(sorted({*start.changed, *changed})))
 
-    def _residuals(
-        self, moved_m: Floats, start: Floats, chosen: list[int], is_mirrored: bool, scale_m: float
-    ) -> Floats:
-        """(n + k,) of each return, whose squares are 1 less its closeness; of each value, what holds it."""
-        values = start.copy()
-        values[chosen] += moved_m / self.units[chosen]
-        ratios = self.walls.distances(self.place(values, is_mirrored)) / scale_m
-        held = math.sqrt(HELD * len(ratios)) / scale_m * moved_m
-        return np.concatenate((ratios / np.sqrt(1.0 + ratios * ratios), held))
+    def _fitted(self, start: Floats, chosen: list[int], is_mirrored: bool, scale_m: float) -> Floats:
+        """(8,) values of which the chosen ones are fitted: the sum of 1 less each closeness is least."""
+        held = math.sqrt(HELD * len(self._ends)) / scale_m * np.eye(len(chosen))
+
+        def values(moved_m: Floats) -> Floats:
+            moved = start.copy()
+            moved[chosen] += moved_m / self.units[chosen]
+            return moved
+
+        def residuals(moved_m: Floats) -> Floats:
+            ratios = self.walls.distances(self.place(values(moved_m), is_mirrored)) / scale_m
+            return np.concatenate((ratios / np.sqrt(1.0 + ratios * ratios), held @ moved_m))
+
+        def slopes(moved_m: Floats) -> Floats:
+            return np.concatenate((self._slopes(values(moved_m), chosen, is_mirrored, scale_m), held))
+
+        none, ftol = np.zeros(len(chosen)), SETTLED * SETTLED
+        fitted = values(least_squares(residuals, none, slopes, method="lm", xtol=SETTLED, ftol=ftol).x)
+        fitted[3] = np.clip(fitted[3], -LARGEST_DELAY_S, LARGEST_DELAY_S)
+        return fitted
+
+    def _slopes(self, values: Floats, chosen: Sequence[int], is_mirrored: bool, scale_m: float) -> Floats:
+        """(n, k) of the residuals, whose squares are 1 less each closeness, for a metre of each value."""
+        points, headings, from_sensor = self._placed(values, is_mirrored)
+        distances_m, slopes = self.walls.read(points.view(np.float64).reshape(-1, 2))
+        squared = 1.0 + np.square(distances_m / scale_m)
+        against = np.conj(slopes) / (scale_m * squared * np.sqrt(squared))
+        later = (
+            self._placed(values + 1e-3 * (np.arange(8) == DELAY), is_mirrored)[0] if 3 in chosen else points
+        )
+        late, turned = (later - points) * 1e3, 1j * (points - self._middle - complex(*values[4:6]))
+        ways = headings, 1j * headings, 1j * from_sensor, late, 1.0, 1j, turned, from_sensor / values[7]
+        # the real part of conj(slope) * way is the scalar product of the two
+        return np.stack([(against * ways[k]).real / self.units[k] for k in chosen], axis=1)
 
     def information(self, candidate: Candidate) -> Floats:
         """(8, 8) of the values, in the returns' own metres: 1 where all returns are constrained."""
-        given = candidate.values, list(range(8)), candidate.is_mirrored, NARROW_M
-        rows = approx_fprime(np.zeros(8), self._residuals, 1e-4, *given)[:-8] * NARROW_M
-        ratios = self.walls.distances(self.place(candidate.values, candidate.is_mirrored)) / NARROW_M
-        return np.asarray(rows.T @ rows / max(float(np.sum((1.0 + ratios * ratios) ** -3)), 1e-9))
+        slopes = self._slopes(candidate.values, range(8), candidate.is_mirrored, NARROW_M)
+        information = slopes.T @ slopes
+        # a return on a wall holds the map's place along the wall's normal by its whole weight
+        return np.asarray(information / max(float(np.trace(information[4:6, 4:6])), 1e-9))
 
     def turned(self, is_mirrored: bool) -> Candidate:
         """Another mount, turned by any angle; ``is_mirrored``: and the beams the other way round."""
@@ -187,15 +201,15 @@ class Search:
 
     def moved(self) -> Candidate:
         """The map moved by up to about ``FAR_M`` along x and y, and turned a little."""
-        steps = np.linspace(-FAR_M, FAR_M, 9)
-        offsets = np.zeros((81, 8))
+        steps = np.linspace(-FAR_M, FAR_M, 7)
+        offsets = np.zeros((49, 8))
         offsets[:, 4:6] = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         return self._best(MAP, self._starts(offsets))
 
     def late(self) -> Candidate:
         """The scans late or early."""
-        offsets = np.zeros((21, 8))
-        offsets[:, 3] = np.linspace(-LARGEST_DELAY_S, LARGEST_DELAY_S, 21)
+        offsets = np.zeros((11, 8))
+        offsets[:, 3] = np.linspace(-LARGEST_DELAY_S, LARGEST_DELAY_S, 11)
         return self._best(DELAY, self._starts(offsets))
 
     def places(self, is_mirrored: bool = False) -> list[Candidate]:
@@ -209,8 +223,8 @@ class Search:
     def _starts(self, offsets: Floats, is_mirrored: bool = False) -> list[Candidate]:
         """The two best of what is set with (n, 8) offsets."""
         values = self.as_set.values + offsets
-        placed = (self.walls.distances(self.place(one, is_mirrored)) for one in values)
-        scores = np.array([closeness(distances_m, COARSE_M).mean() for distances_m in placed])
+        placed = (self.place(one, is_mirrored)[::START_RETURNS] for one in values)
+        scores = np.array([closeness(self.walls.distances(points), COARSE_M).mean() for points in placed])
         return [self.candidate(values[k], is_mirrored) for k in _best_apart(scores, 2)]
 
     def _overlaps(self, is_mirrored: bool) -> list[Candidate]:
