@@ -178,5 +178,5 @@ def node(
     prior_map = None if map_file is None else load_map(map_file)
     renamed = [name for name in robots if ":=" in name]
     with contextlib.suppress(KeyboardInterrupt):  # the end that a node has
-        middleware = ros_node.Rospy(renamed) if ros == "1" else ros_node.node_of(renamed)
+        middleware = ros_node.node_of(ros, renamed)
         ros_node.spin(middleware, chosen, prior_map)

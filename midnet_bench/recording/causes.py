@@ -7,6 +7,7 @@ returns near a label ended, and what is in a box.
 import math
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import median_high
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.ray_counts import RayCounts, dilated
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.truth import Label, Labels
@@ -260,8 +261,9 @@ class Explainer:
 
     def settled(self) -> Iterator[ErrorRow]:
         """All rows in order, ``unmapped`` where the whole recording shows that what is there stays put."""
-        stays, counts = self.counts.near_what_stays(), self.counts
-        grid = OccupancyGrid(stays.astype(np.int8), counts.resolution_m, counts.origin)
+        counts = self.counts
+        near = dilated(counts.stays())  # the cells beside them, too
+        grid = OccupancyGrid(near.astype(np.int8), counts.resolution_m, counts.origin)
         end = self._kept.tell()
         self._kept.seek(0)
         while self._kept.tell() < end:
@@ -302,5 +304,4 @@ def _is_inside(box: Box, points: Floats, margin_m: float) -> npt.NDArray[np.bool
 
 def middle(values: Floats) -> float:
     """The median, of an even number the higher one of the middle; inf of none."""
-    ordered = sorted(values.tolist())
-    return float(ordered[len(ordered) // 2]) if ordered else math.inf
+    return median_high(values.tolist()) if len(values) else math.inf

@@ -7,8 +7,9 @@ by their fields, which have the same names in rosbags and in rclpy.
 import bisect
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import median_high
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -176,14 +177,10 @@ class _Clocks:
 
     def _usual_ns(self, topic: str) -> int:
         """A topic's offset, or that of most topics that are counted where its own is an hour off."""
-        own_ns = _middle(self._offsets[topic])
+        own_ns = median_high(self._offsets[topic])
         each = (self._offsets.get(name, ()) for name in self.counted)
-        usual_ns = _middle([_middle(one) for one in each if len(one) >= STAMPS_NEEDED] or [own_ns])
+        usual_ns = median_high([median_high(one) for one in each if len(one) >= STAMPS_NEEDED] or [own_ns])
         return own_ns if abs(own_ns - usual_ns) <= LARGEST_JUMP_NS else usual_ns
-
-
-def _middle(values: Collection[int]) -> int:
-    return sorted(values)[len(values) // 2]
 
 
 class LiveNode:
@@ -239,7 +236,7 @@ class LiveNode:
         except PluginError:
             raise
         except Exception as error:  # whatever a malformed message brings about: it costs itself
-            self._drop("messages cannot be used", f"{topic}: {in_words(error)}")
+            self.leave_out("messages cannot be used", f"{topic}: {in_words(error)}")
         return list(self._frames(arrived_s))
 
     def _take(self, topic: str, message: Any) -> None:
@@ -253,16 +250,14 @@ class LiveNode:
             elif isinstance(reading, PoseReading):
                 self._take_pose(reading, name)
 
-    def leave_out(self, why: str, details: str, now_s: float) -> None:
+    def leave_out(self, why: str, details: str = "", arrived_s: float | None = None) -> None:
         """Count what cannot be taken; once a minute there is a line of it in ``warnings``."""
+        self._now_s = self._now_s if arrived_s is None else arrived_s
         self.dropped[why] += 1
-        if now_s - self._warned_s.get(why, -math.inf) >= WARN_EVERY_S:
-            self._warned_s[why] = now_s
+        if self._now_s - self._warned_s.get(why, -math.inf) >= WARN_EVERY_S:
+            self._warned_s[why] = self._now_s
             said = f"{why}: {details}" if details else why
             self.warnings.append(f"{in_words(said)} ({self.dropped[why]} left out so far)")
-
-    def _drop(self, why: str, details: str = "") -> None:
-        self.leave_out(why, details, self._now_s)
 
     @property
     def waits_for(self) -> str:
@@ -286,24 +281,24 @@ class LiveNode:
     def _take_scan(self, heard: _Heard, scan: ScanReading, said_rad: float) -> None:
         """``said_rad``: from its first to its last beam, as the message has it."""
         if not len(scan.ranges_m):
-            self._drop("scans have no range at all")
+            self.leave_out("scans have no range at all")
             return
         try:
             geometry_of(scan.geometry(), len(scan.ranges_m), AT_ORIGIN, False)
         except InputError as error:
-            self._drop("scans of a LiDAR that cannot be", f"{scan.topic} {error}")
+            self.leave_out("scans of a LiDAR that cannot be", f"{scan.topic} {error}")
             return
         if not scan.range_min_m < scan.range_max_m:
-            self._drop("scans have no range between range_min and range_max", scan.topic)
+            self.leave_out("scans have no range between range_min and range_max", scan.topic)
         elif heard.has_odd_sweep(scan, said_rad):
-            self._drop("scans have another number of beams than those before", scan.topic)
+            self.leave_out("scans have another number of beams than those before", scan.topic)
         else:
             is_time = self._clocks.take(scan.topic, scan.stamp_ns, self._now_s)
             self._forget_future(heard, scan.topic)
             if is_time:
                 self._queue(heard, scan)
             else:
-                self._drop(_NO_TIME, f"{scan.topic}, {scan.stamp_ns / NS:.3f} s")
+                self.leave_out(_NO_TIME, f"{scan.topic}, {scan.stamp_ns / NS:.3f} s")
 
     def _queue(self, heard: _Heard, scan: ScanReading) -> None:
         stamps = [one.stamp_ns for one in heard.scans]
@@ -312,7 +307,7 @@ class LiveNode:
         if is_there and np.isnan(heard.scans[place].ranges_m).all():
             del heard.scans[place]  # it says nothing
         elif is_there or scan.stamp_ns <= self._made_until_ns:
-            self._drop("scans came late, or their stamps go back", scan.topic)
+            self.leave_out("scans came late, or their stamps go back", scan.topic)
             return
         heard.first_ns = scan.stamp_ns if heard.first_ns is None else min(heard.first_ns, scan.stamp_ns)
         heard.newest_ns = max(heard.newest_ns, scan.stamp_ns)
@@ -339,10 +334,10 @@ class LiveNode:
         """Take a pose of a topic, or a link of tf."""
         topic, is_tf = reading.topic, reading.topic in (TF, TF_STATIC)
         if not reading.transform.is_pose:
-            self._drop("poses are no poses", f"{topic}: not finite, too far off, or no rotation")
+            self.leave_out("poses are no poses", f"{topic}: not finite, too far off, or no rotation")
             return
         if is_tf and reading.child not in self._links and len(self._links) == MOST_FRAMES:
-            self._drop(f"transforms of more than {MOST_FRAMES} frames")
+            self.leave_out(f"transforms of more than {MOST_FRAMES} frames")
             return
         if topic == TF_STATIC:
             self._links[reading.child] = (reading.frame, reading.transform.normalized())
@@ -361,7 +356,7 @@ class LiveNode:
             track.take(reading.stamp_ns, reading)
             track.forget(reading.stamp_ns - WAITED_NS)
         else:
-            self._drop(_NO_TIME, f"{topic}, {reading.stamp_ns / NS:.3f} s")
+            self.leave_out(_NO_TIME, f"{topic}, {reading.stamp_ns / NS:.3f} s")
 
     def _counted(self) -> list[str]:
         """Clocks of the robots: of tf those of frames that lead to a LiDAR, as anyone may add more."""
@@ -369,12 +364,16 @@ class LiveNode:
             return [f"/{name}/{each}" for name in self._heard for each in ("scan", "pose")]
         found = [f"/{name}/scan" for name in self._heard]
         for frame in dict.fromkeys(heard.frame for heard in self._heard.values()):
-            for _ in self._links:
-                if frame not in self._links:
-                    break
-                found.append(f"{TF} {frame}")
-                frame, _ = self._links[frame]
+            found += [f"{TF} {below}" for below, _, _ in self._above(frame)]
         return found
+
+    def _above(self, frame: str) -> Iterator[tuple[str, str, Transform | PoseTrack]]:
+        """The frames below and above each link and the link, from a frame upwards; of a circle some twice."""
+        for _ in range(len(self._links)):
+            if frame not in self._links:
+                return
+            below, (frame, link) = frame, self._links[frame]
+            yield below, frame, link
 
     def _place(self, heard: _Heard) -> _Placed | None:
         """Where the LiDAR of a robot is mounted and moves; None before its first scan and its transforms."""
@@ -385,14 +384,11 @@ class LiveNode:
 
     def _placed(self, heard: _Heard, frame: str) -> _Placed | None:
         options, fixed, base = self._options, NO_MOTION, frame
-        for _ in self._links:  # a circle of them has no end
-            above, link = self._links.get(base, ("", None))
+        for _, above, link in self._above(frame):
             if not isinstance(link, Transform):
                 break
             base, fixed = above, link.then(fixed)
-        tracks: list[PoseTrack | Pose2D] = [heard.poses]
-        if options.pose_by_tf:
-            tracks = self._chain(base)
+        tracks = self._chain(base) if options.pose_by_tf else [heard.poses]
         if not tracks or (base == frame and options.mount is None and not options.pose_by_tf):
             return None
         mount = options.mount or Pose2D(fixed.x, fixed.y, fixed.yaw)
@@ -401,12 +397,11 @@ class LiveNode:
     def _chain(self, frame: str) -> list[PoseTrack | Pose2D]:
         """The links from the map down to a frame; empty until all are known."""
         links: list[PoseTrack | Pose2D] = []
-        while frame != MAP:
-            if frame not in self._links or len(links) > len(self._links):
-                return []
-            frame, link = self._links[frame]
+        for _, above, link in self._above(frame):
             links.append(link if isinstance(link, PoseTrack) else Pose2D(link.x, link.y, link.yaw))
-        return links[::-1]
+            if above == MAP:
+                return links[::-1]
+        return []
 
     def _frames(self, now_s: float) -> Iterator[Detected]:
         team = list(self._heard.values())
@@ -461,15 +456,15 @@ class LiveNode:
     def _observe(self, node: DetectorNode, robot: int, placed: _Placed | None, scan: ScanReading) -> None:
         estimate = None if placed is None else placed.where.at(scan.stamp_ns)
         if placed is None or estimate is None or estimate.age_s > self._options.patience_s:
-            self._drop("scans have no pose near their time", scan.topic)
+            self.leave_out("scans have no pose near their time", scan.topic)
             return
         said = NoReturn({}, {**PLAIN, **self._options.no_return}, math.inf)
         ranges_m = said.cleaned(scan)
         if np.isnan(ranges_m).all():
-            self._drop("scans say nothing: each range is nan, or as good as that", scan.topic)
+            self.leave_out("scans say nothing: each range is nan, or as good as that", scan.topic)
             return
         try:
             lidar = geometry_of(scan.geometry(), len(ranges_m), placed.mount, placed.is_upside_down)
             node.observe(robot, estimate.pose, ranges_m, lidar, scan.stamp_ns / NS)
         except InputError as error:
-            self._drop("scans cannot be taken", f"{scan.topic}: {error}")
+            self.leave_out("scans cannot be taken", f"{scan.topic}: {error}")

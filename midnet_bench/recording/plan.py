@@ -180,7 +180,7 @@ def robots_of(recorded: Recorded, setup: RecordingSetup) -> list[RobotPlan]:
         name, stream = carrier if is_alone else f"{carrier} {topic.strip('/')}", look.streams[topic]
         frame = stream.scans[0].frame
         above, map_frame = look.chain(frame), setup.map_frame
-        if setup.start and map_frame not in above and above[-1] not in _fixed_part(look, frame):
+        if setup.start and map_frame not in above and above[-1] not in fixed_part(look, frame):
             map_frame = above[-1]  # that of odometry, which is placed on the map
         chain, (mount, upside_down) = _pose_and_mount(recorded, laser, frame, poses.get(carrier), map_frame)
         if given["mount"] is not None:
@@ -268,7 +268,7 @@ def _carriers(look: Survey, map_frame: str) -> list[list[str]]:
     found: dict[str, list[str]] = {}
     for topic in dict.fromkeys(one.topic.name for one in look.of_kind(SCAN) if one.has_ranges):
         for name in _streams_on(look, topic):
-            fixed = _fixed_part(look, look.streams[name].scans[0].frame)
+            fixed = fixed_part(look, look.streams[name].scans[0].frame)
             fixed = fixed[: fixed.index(map_frame)] if map_frame in fixed else fixed
             found.setdefault(fixed[-1] if len(fixed) > 1 else name, []).append(name)
     return list(found.values())
@@ -288,33 +288,33 @@ def _pose_and_mount(
 ) -> tuple[PoseChain, tuple[Pose2D, bool]]:
     """A robot's poses, its laser's mount, and whether the laser is upside down."""
     look = recorded.surveys[laser.source]
-    above = _fixed_part(look, frame)
+    above = fixed_part(look, frame)
     given = _proposed_pose(look, frame, map_frame, laser.carrier) if given is None else given
     if given == TF_POSE:
         if map_frame not in look.chain(frame):
             raise InputError(_missing_link(look, frame, map_frame, laser.carrier))
         if map_frame in above:  # the whole chain is fixed: the laser is at rest
-            pose, is_upside_down = _composed(look, above[: above.index(map_frame) + 1])
+            pose, is_upside_down = composed(look, above[: above.index(map_frame) + 1])
             return PoseChain((pose,), "a fixed transform"), (AT_ORIGIN, is_upside_down)
-        return _tf_chain(look, laser.source, above[-1], map_frame), _composed(look, above)
+        return _tf_chain(look, laser.source, above[-1], map_frame), composed(look, above)
     if given.startswith("at:"):
-        return PoseChain((mount_of(given[3:], "pose"),), given), _composed(look, above)
+        return PoseChain((mount_of(given[3:], "pose"),), given), composed(look, above)
     source = recorded.holder(given, laser.source)
     recorded.check_topic(source, given, POSE, "pose")
     child = recorded.surveys[source].streams[given].poses[0].child
     if child and child in above:
         above = above[: above.index(child) + 1]
-    return PoseChain((Link(source, given),), given), _composed(look, above)
+    return PoseChain((Link(source, given),), given), composed(look, above)
 
 
-def _fixed_part(look: Survey, laser: str) -> list[str]:
+def fixed_part(look: Survey, laser: str) -> list[str]:
     """The laser's frame and those above it that it is fixed to, upwards."""
     chain = look.chain(laser)
     fixed = itertools.takewhile(lambda pair: look.is_fixed(pair[1], pair[0]), itertools.pairwise(chain))
     return [laser, *(frame for _, frame in fixed)]
 
 
-def _composed(look: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
+def composed(look: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
     """The first frame's pose in the last one's, and whether it is upside down there."""
     whole = NO_MOTION
     for child, frame in itertools.pairwise(frames):
@@ -326,7 +326,7 @@ def _tf_chain(look: Survey, source: int, base: str, map_frame: str) -> PoseChain
     frames = look.chain(base)
     frames = frames[: frames.index(map_frame) + 1][::-1]
     links = [
-        _composed(look, (child, frame))[0] if look.is_fixed(frame, child) else Link(source, "", frame, child)
+        composed(look, (child, frame))[0] if look.is_fixed(frame, child) else Link(source, "", frame, child)
         for frame, child in itertools.pairwise(frames)
     ]
     return PoseChain(tuple(links), "tf " + " -> ".join(frames))

@@ -17,11 +17,11 @@ from midnet_bench.geometry import Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import FREE
 from midnet_bench.navigation.costmap import line_steps
+from midnet_bench.recording.files.readings import MOST_CELLS
 
 Counts = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float64]
 
-MOST_CELLS = 25_000_000  # as many as a map may have: 250 by 250 m at 5 cm
 MARGIN_CELLS = 64  # by which the grid grows beyond what it has to hold
 SEEN_TWICE = 2  # a cell that was hit less often is no wall, whatever its share
 STAYS_S, STAYS_OF_ALL, STAYS_SHARE = 4.0, 0.5, 0.5
@@ -104,10 +104,6 @@ class RayCounts:
         spans = self.last_s - self.first_s
         often = (self.shares() >= STAYS_SHARE) & (self.hits > SEEN_TWICE)
         return np.asarray(often & (spans >= least_s) & (spans > 0.0))
-
-    def near_what_stays(self) -> npt.NDArray[np.bool_]:
-        """The same with the cells beside them."""
-        return dilated(self.stays()) > 0
 
     def newest_hit_s(self, corner: tuple[float, float], opposite: tuple[float, float]) -> float:
         """When a cell of a rectangle was hit last, seconds of the scans' clock; -inf if never."""

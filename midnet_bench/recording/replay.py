@@ -147,7 +147,8 @@ class Replay:
         self.robots, self.prior_map, self.tally = list(robots), prior_map, Tally()
         self.done = 0.0  # share of the recordings that was read
         self._recorded, self._setup, self._correctors = recorded, setup, correctors
-        self._tracks: dict[Link, PoseTrack] = {}
+        self.tracks: dict[Link, PoseTrack] = {}
+        """the tracks that poses are made of"""
         names = list(dict.fromkeys(robot.carrier for robot in robots))
         self._lasers = [
             _Laser(number, robot, names.index(robot.carrier), self._interpolator(robot.pose))
@@ -172,7 +173,7 @@ class Replay:
     def _interpolator(self, chain: PoseChain) -> PoseInterpolator:
         return PoseInterpolator(
             [
-                link if isinstance(link, Pose2D) else self._tracks.setdefault(link, PoseTrack(link.in_words))
+                link if isinstance(link, Pose2D) else self.tracks.setdefault(link, PoseTrack(link.in_words))
                 for link in chain.links
             ]
         )
@@ -203,7 +204,7 @@ class Replay:
         for number, source in enumerate(self._recorded.sources):
             topics = {topic for at, topic, _ in self._by_scan if at == number}
             topics |= {topic for at, topic in self._by_exact if at == number and topic in source.topics}
-            links = [link for link in self._tracks if link.source == number]
+            links = [link for link in self.tracks if link.source == number]
             topics |= {link.topic for link in links if link.topic}
             if not all(link.topic for link in links):
                 topics |= {name for name, topic in source.topics.items() if topic.kind == "tf"}
@@ -232,8 +233,8 @@ class Replay:
             return False
         time_ns = stamp_ns(reading, self._setup.clock) + self._recorded.offsets_ns[source]
         if isinstance(reading, PoseReading):
-            by_topic = self._tracks.get(Link(source, reading.topic))
-            track = by_topic or self._tracks.get(Link(source, "", reading.frame, reading.child))
+            by_topic = self.tracks.get(Link(source, reading.topic))
+            track = by_topic or self.tracks.get(Link(source, "", reading.frame, reading.child))
             if track is None:
                 time_ns -= PATIENCE_NS  # it does not move the time on
             else:
@@ -399,11 +400,6 @@ class Replay:
             followed=[(plan, where.at(time_ns)) for plan, where in self._followed],
             outputs=outputs,
         )
-
-    @property
-    def tracks(self) -> list[PoseTrack]:
-        """The tracks that poses are made of."""
-        return list(self._tracks.values())
 
 
 def deskewed(ranges_m: Floats, lidar: LidarGeometry, step: Pose2D) -> Floats:

@@ -13,11 +13,11 @@ from midnet_bench.drawing.palette import EXPLORERS
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.recording.files import ros_messages as ros
-from midnet_bench.recording.files.readings import NO_MOTION, NS
+from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name, write_layout
 from midnet_bench.recording.files.writer import BagWriter, bag_writer, format_of
 from midnet_bench.recording.inputs import Note, ReplayInputs
-from midnet_bench.recording.plan import AT_ORIGIN, Link
+from midnet_bench.recording.plan import AT_ORIGIN, Link, composed, fixed_part
 from midnet_bench.recording.replay import ReplayFrame
 
 TOPICS = "/replay"  # what all topics are below: a recording beside it has none of these names
@@ -53,8 +53,9 @@ class ReplayBag:
         surveys, known = self._inputs.recorded.surveys, {MAP, ""}
         for number, robot in enumerate(self._inputs.robots):
             survey = surveys[robot.source]
-            *below, top = survey.chain(survey.streams[robot.scan_topic].scans[0].frame)
-            pairs = [(frame, child) for child, frame in itertools.pairwise([*below, top])]
+            frame = survey.streams[robot.scan_topic].scans[0].frame
+            chain = survey.chain(frame)
+            top = chain[-1]
             moving = next((link for link in robot.pose.links if isinstance(link, Link)), None)
             if top in known:
                 continue
@@ -63,10 +64,8 @@ class ReplayBag:
                 before = itertools.takewhile(lambda link: isinstance(link, Pose2D), robot.pose.links)
                 steps = [link for link in before if isinstance(link, Pose2D)]
                 self._fixed.append((MAP, top, reduce(Pose2D.compose, steps, AT_ORIGIN)))
-            elif all(survey.is_fixed(*pair) for pair in pairs):
-                links = (survey.fixed(*pair) for pair in pairs)
-                whole = reduce(lambda below, link: link.then(below), links, NO_MOTION)
-                self._carried[number] = top, Pose2D(whole.x, whole.y, whole.yaw)
+            elif fixed_part(survey, frame) == chain:
+                self._carried[number] = top, composed(survey, chain)[0]
             else:
                 note(f"--bag: the recording's own frames, below '{top}', are not placed on the map")
 

@@ -11,7 +11,7 @@ from midnet_bench.campaign.trial import Scalar
 from midnet_bench.detectors.tracking import Event, Events
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
-from midnet_bench.recording.files.survey import lag_in_words
+from midnet_bench.recording.files.survey import lag_in_words, lags_s, stand_still
 from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
@@ -94,21 +94,21 @@ LAG_S = 0.02  # by which the stamps of scans and poses may differ before a line 
 def lag_lines(inputs: ReplayInputs, robot: RobotPlan) -> list[str]:
     """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
     surveys, clock = inputs.recorded.surveys, inputs.setup.clock
-    scans = surveys[robot.source].streams[robot.scan_topic]
+    scans = surveys[robot.source].streams[robot.scan_topic].scans
     readings = {link.in_words: link.seen(surveys) for link in robot.pose.links if isinstance(link, Link)}
-    seen_on: dict[tuple[str, str], Sequence[ScanReading | PoseReading]] = {
-        (robot.scan_topic, "scans"): scans.scans,
-        **{(link, "poses"): poses for link, poses in readings.items()},
-    }
-    for (topic, what), seen in seen_on.items() if clock == "header" else ():
-        if len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1:
+    seen_on: list[tuple[str, str, Sequence[ScanReading | PoseReading]]] = [
+        (robot.scan_topic, "scans", scans),
+        *((link, "poses", poses) for link, poses in readings.items()),
+    ]
+    for topic, what, seen in seen_on:
+        if clock == "header" and stand_still(seen):
             raise InputError(
                 f"{surveys[robot.source].source.path}: {topic}: the stamps of the {what} stand still at "
                 f"{seen[0].stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
             )
-    scan_lags_s = scans.lags_s
-    pose_lags_s = [(pose.record_ns - pose.stamp_ns) / NS for poses in readings.values() for pose in poses]
-    if not len(scan_lags_s) or not pose_lags_s:
+    scan_lags_s = lags_s(scans)
+    pose_lags_s = lags_s([pose for poses in readings.values() for pose in poses])
+    if not len(scan_lags_s) or not len(pose_lags_s):
         return []
     lines, pose_lag_s = [], float(np.median(pose_lags_s))
     apart_s = float(np.median(scan_lags_s)) - pose_lag_s
@@ -147,13 +147,13 @@ def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str
     if tally.oldest_pose_s > 0.0:
         oldest_ms = 1000.0 * tally.oldest_pose_s
         note(f"no scan lies farther than {oldest_ms:.0f} ms from the poses that it is placed by")
-    for track in played.tracks:
+    for track in played.tracks.values():
         if track.void:
             faults.append(
                 f"{track.name}: {track.void} poses are not finite, too far off or no rotation, "
                 f"the first at {(track.first_void_ns or 0) / NS:.3f} s; they were left out"
             )
-    faults += [f"{track.name}: no pose of it came" for track in played.tracks if not track.taken]
+    faults += [f"{track.name}: no pose of it came" for track in played.tracks.values() if not track.taken]
     if not tally.frames and tally.skipped:
         faults.append(
             "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "

@@ -13,7 +13,6 @@ import pickle
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 from cyclonedds.core import DDSException, Policy
 from cyclonedds.domain import Domain, DomainParticipant
@@ -24,8 +23,7 @@ from cyclonedds.qos import Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from midnet_bench.recording.files.writer import Types
-from midnet_bench.recording.ros_node import LATCHED, LOCAL, idl_type, of_bytes
+from midnet_bench.recording.ros_node import KEPT, LOCAL, bytes_type
 
 SPEED = 6.0
 PATIENCE_S = 60.0
@@ -47,7 +45,7 @@ def offered(kind: str, topic: str) -> Qos:
     kept = [Policy.History.KeepLast(1000)]
     if kind == SCAN:
         return Qos(Policy.Reliability.BestEffort, *kept)
-    latched = [Policy.Durability.TransientLocal] if topic in LATCHED else []
+    latched = [Policy.Durability.TransientLocal] if topic in KEPT else []
     return Qos(Policy.Reliability.Reliable(1_000_000_000), *latched, *kept)
 
 
@@ -56,25 +54,21 @@ def main() -> None:
     messages = pickle.loads(source.read_bytes())
     number = int(os.environ["ROS_DOMAIN_ID"])
     domain = Domain(number, LOCAL)  # noqa: F841 - it lives as long as its object
-    driver, sender, types = DomainParticipant(number), DomainParticipant(number), Types(2)
-    anything: dict[str, Any] = {}
-    known: dict[str, Any] = {}
-    for kind in {MARKERS, *(kind for _, kind, *_ in messages)}:
-        anything[kind] = of_bytes(idl_type(types, kind, known))
+    driver, sender = DomainParticipant(number), DomainParticipant(number)
     writers: dict[tuple[str, bool], DataWriter] = {}
     for topic, kind in dict.fromkeys((topic, kind) for topic, kind, *_ in messages):
         for is_typed in (False, True) if kind == SCAN else (False,):
-            where, what = (driver, LASER_SCAN) if is_typed else (sender, anything[kind])
+            where, what = (driver, LASER_SCAN) if is_typed else (sender, bytes_type(kind))
             at = Topic(where, f"rt{topic}", what)
             writers[topic, is_typed] = DataWriter(where, at, offered(kind, topic))
     heard = DataReader(
         sender,
-        Topic(sender, "rt/midnet/detections", anything[MARKERS]),
+        Topic(sender, "rt/midnet/detections", bytes_type(MARKERS)),
         Qos(Policy.Reliability.Reliable(1_000_000_000), Policy.History.KeepAll),
     )
-    early = [one for one in messages if one[0] in LATCHED and one[-1]]
+    early = [one for one in messages if one[0] in KEPT and one[-1]]
     for topic, kind, _, packed, _ in early:
-        writers[topic, False].write(anything[kind].of(packed))
+        writers[topic, False].write(bytes_type(kind).of(packed))
     end_s = time.monotonic() + PATIENCE_S
     while not (all(one.get_matched_subscriptions() for one in writers.values()) and matched(heard)):
         if time.monotonic() > end_s:
@@ -84,12 +78,12 @@ def main() -> None:
     sent = 0
     began_s = time.monotonic()
     for topic, kind, at_s, packed, is_sound in messages:
-        if is_sound and topic in LATCHED:
+        if is_sound and topic in KEPT:
             continue
         while time.monotonic() < began_s + at_s / SPEED:
             time.sleep(0.001)
         is_typed = is_sound and kind == SCAN
-        message = LASER_SCAN.deserialize(packed) if is_typed else anything[kind].of(packed)
+        message = LASER_SCAN.deserialize(packed) if is_typed else bytes_type(kind).of(packed)
         try:
             writers[topic, is_typed].write(message)
             sent += not is_sound

@@ -16,26 +16,33 @@ def table(tmp_path: Path, *rows: str) -> LabelTable:
     return LabelTable(path)
 
 
-def test_between_two_labels_half_a_second_apart_the_place_is_interpolated(tmp_path: Path) -> None:
-    labels = table(tmp_path, "0.0,car,0.0,0.0", "0.5,car,1.0,2.0").at(NS // 4, None)
-    assert labels is not None
-    assert labels.there == [Label("car", 0.5, 1.0)]
-    assert labels.gaps == []
-
-
-def test_a_longer_gap_stays_a_gap(tmp_path: Path) -> None:
-    known = table(tmp_path, "0.0,car,0.0,0.0", "0.51,car,1.0,2.0", "0.25,bus,4.0,4.0")
-    labels = known.at(NS // 4, None)
-    assert labels is not None
-    assert [label.name for label in labels.there] == ["bus"]
-    assert [label.name for label in labels.gaps] == ["car"]
-    assert known.at(NS // 8, None) is None, "no object is labelled there"
-
-
-def test_a_label_within_20_ms_belongs_to_the_scan(tmp_path: Path) -> None:
-    known = table(tmp_path, "1.0,car,3.0,4.0")
-    for time_s, is_labelled in ((0.981, True), (1.019, True), (1.021, False), (0.979, False)):
-        assert (known.at(round(time_s * NS), None) is not None) == is_labelled
+@pytest.mark.parametrize(
+    ("rows", "time_s", "there", "gaps"),
+    [
+        # between two labels half a second apart the place is interpolated
+        (["0.0,car,0.0,0.0", "0.5,car,1.0,2.0"], 0.25, [Label("car", 0.5, 1.0)], []),
+        # a longer gap stays one
+        (
+            ["0.0,car,0.0,0.0", "0.512,car,1.0,2.0", "0.128,bus,4.0,4.0"],
+            0.128,
+            [Label("bus", 4.0, 4.0)],
+            [Label("car", 0.25, 0.5)],
+        ),
+        (["0.0,car,0.0,0.0", "0.512,car,1.0,2.0", "0.25,bus,4.0,4.0"], 0.125, None, None),
+        # a label within 20 ms belongs to the scan
+        (["1.0,car,3.0,4.0"], 0.981, [Label("car", 3.0, 4.0)], []),
+        (["1.0,car,3.0,4.0"], 1.019, [Label("car", 3.0, 4.0)], []),
+        (["1.0,car,3.0,4.0"], 0.979, None, None),
+        (["1.0,car,3.0,4.0"], 1.021, None, None),
+        # a row without id is a scan without intruders
+        (["1.0,,,", "9.0,car,0.0,0.0"], 1.0, [], []),
+    ],
+)
+def test_labels_at_an_instant(
+    rows: list[str], time_s: float, there: list[Label] | None, gaps: list[Label] | None, tmp_path: Path
+) -> None:
+    labels = table(tmp_path, *rows).at(round(time_s * NS), None)
+    assert (labels and labels.there, labels and labels.gaps) == (there, gaps)
 
 
 @pytest.mark.parametrize("time_s", ["16000000007", "-16000000007", "1600000000500"])
@@ -53,12 +60,6 @@ def test_a_time_that_contradicts_the_scan_index_is_refused(tmp_path: Path) -> No
     assert labels.there == [Label("car", 1.0, 2.0)]
     with pytest.raises(InputError, match=r"truth\.csv: scan_index 4 has t 23\.1"):
         known.at(round(10.1 * NS), 4)
-
-
-def test_a_row_without_id_is_a_scan_without_intruders(tmp_path: Path) -> None:
-    labels = table(tmp_path, "1.0,,,", "9.0,car,0.0,0.0").at(NS, None)
-    assert labels is not None
-    assert labels.there == []
 
 
 @pytest.mark.parametrize(("gap_m", "is_right"), [(0.349, True), (0.351, False)])

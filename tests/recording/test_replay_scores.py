@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from tests.recording import recordings as made
-from tests.recording.recorded_drives import room
+from tests.recording.recorded_drives import CELL_M, room
 from tests.recording.recordings import Drive, apart_m, edited, played
 
 RED = {"red": made.on_the_way(6.0)}
@@ -203,52 +203,46 @@ def moving(x, y, dx, dy, radius_m=0.12):
 SEEN = moving(4.9, 3.0, 0.0, 0.15)
 BESIDE_A_WALL = moving(4.0, 0.08, 0.05, 0.0, 0.1)
 FAR = moving(5.9, 3.0, 0.0, 0.1)
+SMALL = OccupancyGrid(room().data[:, : round(6.5 / CELL_M)], CELL_M, room().origin)
+FAR_UP = {"settings": {"obstacle_range_m": 4.0}, "match_distance_m": 0.2}
 MISSES = {
     # the label lies in range, what is there behind it
-    "beyond_range": ({"a": moving(4.2, 5.6, 0.02, 0.0, 0.05)}, -0.2, {"obstacle_range_m": 2.45}, 0.35),
-    "outside_window": ({"a": FAR}, 0.0, {"local_size_m": 2.0}, 0.35),
-    "under_prior": ({"a": BESIDE_A_WALL}, 0.0, {"obstacle_range_m": 4.0}, 0.2),
-    "too_few_returns": ({"a": SEEN}, 0.0, {"min_returns": 99}, 0.35),
-    "too_small": ({"a": SEEN}, 0.0, {"min_returns": 0, "min_area_cells": 999}, 0.35),
-    "merged": ({"a": moving(4.9, 3.0, 0.0, 0.1), "b": moving(4.9, 3.2, 0.0, 0.1)}, 0.0, {}, 0.3),
+    "beyond_range": (
+        {"a": moving(4.2, 5.6, 0.02, 0.0, 0.05)},
+        -0.2,
+        {"settings": {"obstacle_range_m": 2.45}},
+    ),
+    "outside_window": ({"a": FAR}, 0.0, {"settings": {"local_size_m": 2.0}}),
+    "outside_prior": ({"a": FAR}, 0.0, {"grid": SMALL}),
+    "under_prior": ({"a": BESIDE_A_WALL}, 0.0, FAR_UP),
+    "too_few_returns": ({"a": SEEN}, 0.0, {"settings": {"min_returns": 99}}),
+    "too_small": ({"a": SEEN}, 0.0, {"settings": {"min_returns": 0, "min_area_cells": 999}}),
+    "merged": (
+        {"a": moving(4.9, 3.0, 0.0, 0.1), "b": moving(4.9, 3.2, 0.0, 0.1)},
+        0.0,
+        {"match_distance_m": 0.3},
+    ),
+    "taken_for_ally": ({"a": SEEN}, 0.0, {"more": friend_poses(SEEN, 6.0), **friend(0.3)}),
     "not_detected": (
         {"a": BESIDE_A_WALL},
         0.0,
-        {"detector": "subtraction", "obstacle_range_m": 4.0},
-        0.2,
+        {**FAR_UP, "settings": {"detector": "subtraction", "obstacle_range_m": 4.0}},
     ),
 }
-"""cause -> movers, by how much y of their labels is off, settings, matching distance"""
+"""cause -> movers, by how much y of their labels is off, keys"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cause", MISSES)
 def test_each_cause_of_a_miss(cause, tmp_path):
-    movers, off_m, settings, distance_m = MISSES[cause]
+    movers, off_m, keys = MISSES[cause]
     drive = at_rest(**movers)
     labels = [(*said, y + off_m) for *said, y in drive.labels()]
-    result = played(tmp_path, drive, labels=labels, settings=settings, match_distance_m=distance_m)
+    result = played(tmp_path, drive, labels=labels, **keys)
     assert result.score()["missed"] > 5
     misses = [row["cause"] for row in result.errors if row["kind"] == "miss"]
     assert misses.count(cause) >= 0.95 * len(misses), misses
     assert len(misses) == result.score()["missed"]
-
-
-@pytest.mark.slow
-def test_a_label_within_a_declared_ally_is_taken_for_it(tmp_path):
-    drive = at_rest(a=SEEN)
-    result = played(tmp_path, drive, more=friend_poses(SEEN, 6.0), labels=drive.labels(), **friend(0.3))
-    assert set(result.causes()) == {"taken_for_ally"}
-    assert len(result.errors) == result.score()["missed"] == result.score()["frames"]
-
-
-@pytest.mark.slow
-def test_a_label_off_the_map(tmp_path):
-    drive, grid = at_rest(a=FAR), room()
-    small = OccupancyGrid(grid.data[:, : round(6.5 / grid.resolution)], grid.resolution, grid.origin)
-    misses = played(tmp_path, drive, grid=small, labels=drive.labels())
-    assert misses.score()["missed"] > 5
-    assert set(misses.causes()) == {"outside_prior"}
 
 
 MOVER = moving(4.9, 2.2, 0.0, 0.25)

@@ -104,7 +104,7 @@ class Bag:
             raise InputError(f"{path}: {what}{in_words(error)}") from error
         first = self._parts[0]
         self._is_ros1 = isinstance(first, Ros1Reader) or getattr(first, "is_ros1", False)
-        self._store = types_of(1 if self._is_ros1 else 2).store
+        self._unpacked = types_of(1 if self._is_ros1 else 2).unpacked
         self.start_ns = min((span[0] for span in spans), default=0)
         self.end_ns = max((span[1] for span in spans), default=0)
         found: dict[str, Topic] = {}
@@ -149,7 +149,6 @@ class Bag:
         self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Reading]:
         """See :class:`Source`."""
-        decode = self._store.deserialize_ros1 if self._is_ros1 else self._store.deserialize_cdr
         record_ns = self.start_ns
         try:
             for part in self._parts:
@@ -158,7 +157,7 @@ class Bag:
                     # each message may be packed by itself; one that is not begins with its encoding
                     is_packed = not self._is_ros1 and raw.startswith(ZSTD_MAGIC)
                     kind = connection.msgtype.replace("tf/msg/tfMessage", "tf2_msgs/msg/TFMessage")
-                    message = decode(unpacked("zstd", raw) if is_packed else raw, kind)
+                    message = self._unpacked(unpacked("zstd", raw) if is_packed else raw, kind)
                     yield from decoded(connection.topic, kind, record_ns, message)
         except TooLargeError as error:
             raise InputError(f"{self.path}: {error}") from error

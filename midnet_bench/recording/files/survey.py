@@ -16,6 +16,7 @@ from midnet_bench.recording.files.readings import (
     SCAN,
     TEXT,
     TF,
+    Floats,
     PoseReading,
     ScanReading,
     Source,
@@ -51,19 +52,9 @@ class Stream:
         return self.scans or self.poses
 
     @property
-    def lags_s(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """(n,) record time minus header stamp of what was seen, seconds."""
-        return np.array([(one.record_ns - one.stamp_ns) / NS for one in self.seen], dtype=np.float64)
-
-    @property
     def has_ranges(self) -> bool:
         """Whether a scan of it holds a range."""
         return any(len(scan.ranges_m) for scan in self.scans)
-
-    @property
-    def stamps_stand_still(self) -> bool:
-        """Whether several readings all have one stamp."""
-        return len(self.seen) > 1 and len({one.stamp_ns for one in self.seen}) == 1
 
 
 @dataclass
@@ -140,7 +131,7 @@ def survey(source: Source, from_ns: int = -EVER_NS, to_ns: int = EVER_NS) -> Sur
         stream.scans = [scan for scan in stream.scans if from_ns <= scan.record_ns <= to_ns]
     _split_by_frame(found)
     for stream in found.streams.values():
-        clock = "record_ns" if stream.stamps_stand_still else "stamp_ns"
+        clock = "record_ns" if stand_still(stream.seen) else "stamp_ns"
         if len(stream.scans) > 1:
             stream.period_ns = int(np.median(np.diff([getattr(scan, clock) for scan in stream.scans])))
         stream.scans = spread(stream.scans, MOST_SCANS)
@@ -201,7 +192,7 @@ def _split_by_frame(survey: Survey) -> None:
                 share = round(stream.topic.messages * count / counts.total())
                 scans = [scan for scan in stream.scans if scan.frame == frame]
                 parts[f"{name}@{frame}"] = Stream(stream.topic._replace(messages=share), scans)
-            apart_s = float(np.ptp([np.median(part.lags_s) for part in parts.values()]))
+            apart_s = float(np.ptp([np.median(lags_s(part.scans)) for part in parts.values()]))
             clocks = f", whose clocks are {apart_s:.6g} s apart" if apart_s > SAME_CLOCK_S else ""
             survey.remarks.append(
                 f"{name}: scans of {len(parts)} lasers{clocks}: {', '.join(parts)}; to take some alone set "
@@ -210,12 +201,22 @@ def _split_by_frame(survey: Survey) -> None:
         else:
             parts = {name: stream}
         for key, part in parts.items():
-            if len(part.scans) > 1 and float(np.ptp(part.lags_s)) > SAME_CLOCK_S:
+            if len(part.scans) > 1 and float(np.ptp(lags_s(part.scans))) > SAME_CLOCK_S:
                 survey.remarks.append(
                     f"{key}: stamps of two clocks; 'clock: record' in setup.yaml takes the record times"
                 )
         streams |= parts
     survey.streams = streams
+
+
+def lags_s(seen: Sequence[ScanReading | PoseReading]) -> Floats:
+    """(n,) record time minus header stamp, seconds."""
+    return np.array([(one.record_ns - one.stamp_ns) / NS for one in seen], dtype=np.float64)
+
+
+def stand_still(seen: Sequence[ScanReading | PoseReading]) -> bool:
+    """Whether several readings all have one stamp."""
+    return len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1
 
 
 def spread(items: Sequence[T], most: int) -> list[T]:
@@ -247,14 +248,14 @@ def _summary(stream: Stream) -> Iterator[str]:
         yield f"{beams} beams over {sweep_deg:.0f} deg, {scan.range_min_m:g} to {scan.range_max_m:g} m"
         yield f"no return: {found_in(stream.scans, {}).in_words}"
     if stream.seen and stream.topic.type != "text":
-        yield lag_in_words(stream.lags_s)
-    if stream.stamps_stand_still:
+        yield lag_in_words(lags_s(stream.seen))
+    if stand_still(stream.seen):
         yield "its stamps stand still: use 'clock: record' in setup.yaml"
 
 
-def lag_in_words(lags_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+def lag_in_words(lags: Floats) -> str:
     """``stamped 84 ms before it was recorded``, with the spread if it exceeds 1 ms."""
-    middle_ms, low_ms, high_ms = (1000.0 * float(np.quantile(lags_s, at)) for at in (0.5, 0.05, 0.95))
+    middle_ms, low_ms, high_ms = (1000.0 * float(np.quantile(lags, at)) for at in (0.5, 0.05, 0.95))
     words = f"{abs(middle_ms):.3g} ms" if abs(middle_ms) < 10_000.0 else f"{abs(middle_ms) / 1000.0:.6g} s"
     side = "before" if middle_ms >= 0.0 else "after"
     spread_ms = f" ({low_ms:.3g} to {high_ms:.3g})" if high_ms - low_ms > 1.0 else ""

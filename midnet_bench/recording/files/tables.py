@@ -75,20 +75,23 @@ def read_text(path: Path) -> Table:
     lines = read_lines(path)
     first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     if "," in first and not is_number(first.split(",")[0]):
-        return _of_csv(path, lines)
+        return _of_rows(path, rows_of(path, lines))
     if len(first.split()) == len(TUM_COLUMNS) and all(map(is_number, first.split())):
-        return _of_tum(path, lines)
+        cells = [",".join(line.split("#")[0].split()) for line in lines]
+        return _of_rows(path, rows_of(path, cells, ",".join(TUM_COLUMNS)))
     return _of_log(path, parse_log(path, lines))
 
 
-def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
+def rows_of(path: Path, lines: list[str], heading: str = "") -> Iterator[tuple[str, dict[str, str]]]:
     """``file:line`` and the cells by column of each line below the heading; comments are left out.
+
+    ``heading``: of a table without one.
 
     Cells that a line lacks at its end are empty. Raises InputError: there is no line, or one is too long.
     """
     numbered = [
         (number, line)
-        for number, line in enumerate(lines, start=1)
+        for number, line in enumerate([heading, *lines])
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not numbered:
@@ -118,16 +121,20 @@ def time_in(cells: dict[str, str], where: str) -> int:
     return round(time_s * NS)
 
 
-def _of_csv(path: Path, lines: list[str]) -> Table:
+def _of_rows(path: Path, rows: Iterator[tuple[str, dict[str, str]]]) -> Table:
     found: list[Reading] = []
-    for where, cells in rows_of(path, lines):
-        if not found and not (FIRST_RANGE in cells or {"x", "y", "yaw"} <= cells.keys()):
+    for where, cells in rows:
+        if not found and not (FIRST_RANGE in cells or {"x", "y", "yaw"} <= cells.keys() or "qw" in cells):
             raise InputError(
                 f"{path}: columns {', '.join(cells)[:80]}: neither scans "
                 f"({','.join(SCAN_COLUMNS)},r0,r1,...) nor poses ({','.join(POSE_COLUMNS)})"
             )
         time_ns = time_in(cells, where)
-        if "x" in cells:  # poses may be nan: the reader of poses says so
+        # poses may be nan: the reader of poses says so
+        if "x" in cells and "qw" in cells:
+            placed = Transform(*(number_in(cells, name, where, finite=False) for name in TUM_COLUMNS[1:]))
+            found.append(PoseReading("pose", time_ns, time_ns, "map", "", placed))
+        elif "x" in cells:
             pose = (number_in(cells, name, where, finite=False) for name in POSE_COLUMNS[1:])
             found.append(_pose("pose", time_ns, "map", *pose))
         if FIRST_RANGE in cells:
@@ -136,21 +143,6 @@ def _of_csv(path: Path, lines: list[str]) -> Table:
             while cells.get(name := f"r{len(ranges)}"):
                 ranges.append(number_in(cells, name, where, finite=False))
             found.append(_scan(time_ns, np.array(ranges, dtype=np.float64), geometry))
-    return Table(path, found)
-
-
-def _of_tum(path: Path, lines: list[str]) -> Table:
-    found: list[Reading] = []
-    for number, line in enumerate(lines, start=1):
-        where, words = f"{path}:{number}", line.split("#")[0].split()
-        if words and len(words) != len(TUM_COLUMNS):
-            columns = " ".join(TUM_COLUMNS)
-            raise InputError(f"{where}: {len(words)} words; a pose has {len(TUM_COLUMNS)}: {columns}")
-        if words:
-            cells = dict(zip(TUM_COLUMNS, words, strict=True))
-            placed = Transform(*(number_in(cells, name, where, finite=False) for name in TUM_COLUMNS[1:]))
-            time_ns = time_in(cells, where)
-            found.append(PoseReading("pose", time_ns, time_ns, "map", "", placed))
     return Table(path, found)
 
 

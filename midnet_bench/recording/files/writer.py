@@ -97,7 +97,10 @@ class Types:
     """Message types of one ROS, and instances of them."""
 
     def __init__(self, ros: Literal[1, 2]) -> None:
-        self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        self.store = store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        self._pack = store.serialize_ros1 if ros == 1 else store.serialize_cdr
+        self.unpacked = store.deserialize_ros1 if ros == 1 else store.deserialize_cdr
+        """a message from its bytes and its type"""
         found: dict[str, Any] = {}
         for name, definition in _VISION_MSGS[ros].items():
             found |= get_types_from_msg(definition, f"vision_msgs/msg/{name}")
@@ -106,6 +109,10 @@ class Types:
             found |= get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage")
         self.store.register(found)
         self._empty: dict[str, Any] = {}
+
+    def packed(self, message: "Message") -> bytes:
+        """The bytes of a message."""
+        return bytes(self._pack(self.made(*message), message.kind))
 
     def made(self, kind: str, fields: Any) -> Any:
         """A message of that type from its :data:`Fields`, a time from its nanoseconds."""
@@ -164,10 +171,7 @@ class BagWriter:
         connection = self._topics.get(topic)
         if connection is None:
             connection = self._topics[topic] = self._add(topic, message.kind, is_kept)
-        made = self._types.made(*message)
-        store = self._types.store
-        pack = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
-        self._writer.write(connection, stamp_ns, pack(made, message.kind))
+        self._writer.write(connection, stamp_ns, self._types.packed(message))
 
     def _add(self, topic: str, kind: str, is_kept: bool) -> Any:
         if isinstance(self._writer, Ros1Writer):
