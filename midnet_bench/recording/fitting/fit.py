@@ -117,9 +117,8 @@ class Walls:
         at = np.clip((points - self.first_center) / cell_m, 0.0, last)
         cells = at.astype(np.int64)
         (x, y), first = (at - cells).T, cells @ (1, columns)
-        low, right, high, high_right = (
-            self.distances_m.take(first + to) for to in (0, 1, columns, columns + 1)
-        )
+        to_corners = 0, 1, columns, columns + 1
+        low, right, high, high_right = (self.distances_m.take(first + to) for to in to_corners)
         low_rise, high_rise = right - low, high_right - high
         low, high = low + x * low_rise, high + x * high_rise
         slopes = low_rise + y * (high_rise - low_rise) + 1j * (high - low)
@@ -147,19 +146,9 @@ class Fit(NamedTuple):
 
 def fit_of(samples: Sequence[Sample], walls: Walls) -> Fit:
     """How the scans lie on the walls as everything is set now."""
-    poses = [sample.pose for sample in samples]
-    ends = [
-        pose.compose(sample.lidar.mount).transform(sample.ends())
-        for pose, sample in zip(poses, samples, strict=True)
-    ]
+    ends = [one.pose.compose(one.lidar.mount).transform(one.ends()) for one in samples]
     points = np.concatenate([np.empty((0, 2)), *ends])
+    robots = np.array([sample.pose for sample in samples]).reshape(-1, 3)[:, :2]
     on_walls = walls.distances(points) <= walls.near_m
-    shares = [
-        float(np.mean(kind)) if len(kind) else math.nan
-        for kind in (
-            on_walls,
-            walls.unmapped(points) & ~on_walls,
-            walls.unmapped(np.array(poses).reshape(-1, 3)[:, :2]),
-        )
-    ]
-    return Fit(len(points), *shares)
+    kinds = on_walls, walls.unmapped(points) & ~on_walls, walls.unmapped(robots)
+    return Fit(len(points), *(float(np.mean(kind)) if len(kind) else math.nan for kind in kinds))

@@ -100,8 +100,7 @@ class Search:
         rates = (poses[:, steps + 1] - poses[:, steps - 1]) / (2.0 * DELAY_STEP_S)
         self.speed_mps = math.sqrt(np.square(rates * (1.0, 1.0, lever_m)).sum(axis=1).mean())
         """how fast returns of still walls move in the robot's frame, root mean square"""
-        speed_mps = max(self.speed_mps, SLOWEST_MPS)
-        self.units = np.array([1.0, 1.0, lever_m, speed_mps, 1.0, 1.0, lever_m, lever_m])
+        self.units = np.array([1, 1, lever_m, max(self.speed_mps, SLOWEST_MPS), 1, 1, lever_m, lever_m])
         """(8,) how far a unit of each value moves the returns, metres, typically"""
         self.as_set = self.candidate(np.array([*samples[0].lidar.mount, 0.0, 0.0, 0.0, 0.0, 1.0]))
 
@@ -122,11 +121,10 @@ class Search:
         first = min(max(math.floor(at), 0), len(self._delays_s) - 2)
         poses = self._poses[:, first] + (at - first) * (self._poses[:, first + 1] - self._poses[:, first])
         ends = (np.conj(self._ends) if is_mirrored else self._ends) * cmath.rect(factor, yaw)
-        robots = (
-            (_points(poses[:, :2]) - self._middle) * cmath.rect(1.0, turn) + self._middle + complex(dx, dy)
-        )
+        robots = (_points(poses[:, :2]) - self._middle) * cmath.rect(1.0, turn) + complex(dx, dy)
         headings = np.exp(1j * (poses[:, 2] + turn))[self._owners]
-        return robots[self._owners] + headings * (ends + complex(x, y)), headings, headings * ends
+        points = (robots + self._middle)[self._owners] + headings * (ends + complex(x, y))
+        return points, headings, headings * ends
 
     def candidate(
         self, values: Floats, is_mirrored: bool = False, changed: tuple[int, ...] = ()
@@ -157,6 +155,7 @@ class Search:
         def values(moved_m: Floats) -> Floats:
             moved = start.copy()
             moved[chosen] += moved_m / self.units[chosen]
+            moved[3] = np.clip(moved[3], -LARGEST_DELAY_S, LARGEST_DELAY_S)
             return moved
 
         def residuals(moved_m: Floats) -> Floats:
@@ -167,9 +166,7 @@ class Search:
             return np.concatenate((self._slopes(values(moved_m), chosen, is_mirrored, scale_m), held))
 
         none, ftol = np.zeros(len(chosen)), SETTLED * SETTLED
-        fitted = values(least_squares(residuals, none, slopes, method="lm", xtol=SETTLED, ftol=ftol).x)
-        fitted[3] = np.clip(fitted[3], -LARGEST_DELAY_S, LARGEST_DELAY_S)
-        return fitted
+        return values(least_squares(residuals, none, slopes, method="lm", xtol=SETTLED, ftol=ftol).x)
 
     def _slopes(self, values: Floats, chosen: Sequence[int], is_mirrored: bool, scale_m: float) -> Floats:
         """(n, k) of the residuals, whose squares are 1 less each closeness, for a metre of each value."""
@@ -188,9 +185,8 @@ class Search:
     def information(self, candidate: Candidate) -> Floats:
         """(8, 8) of the values, in the returns' own metres: 1 where all returns are constrained."""
         slopes = self._slopes(candidate.values, range(8), candidate.is_mirrored, NARROW_M)
-        information = slopes.T @ slopes
         # a return on a wall holds the map's place along the wall's normal by its whole weight
-        return np.asarray(information / max(float(np.trace(information[4:6, 4:6])), 1e-9))
+        return np.asarray(slopes.T @ slopes / max(float(np.square(slopes[:, 4:6]).sum()), 1e-9))
 
     def turned(self, is_mirrored: bool) -> Candidate:
         """Another mount, turned by any angle; ``is_mirrored``: and the beams the other way round."""
