@@ -197,10 +197,10 @@ def pending_trials(
 ) -> tuple[int, Iterator[Group]]:
     """How many trials are to run, and which, in groups; there may be millions.
 
-    Seed by seed, so that an interrupted campaign has visited all cells about equally, and of each seed the
-    trials that take longest first. Where there are few trials for each worker, those that take longest come
-    first of all: a worker that begins one at the end would keep the others waiting. Trials of one seed that
-    share a simulation come as one group, up to ``MOST_TOGETHER`` of them.
+    Seed by seed, as :meth:`ResolvedCampaign.trials`, and of each seed the trials that take longest first.
+    Where there are few trials for each worker, those that take longest come first of all: a worker that
+    begins one at the end would keep the others waiting. Trials of one seed that share a simulation come as
+    one group, up to ``MOST_TOGETHER`` of them.
     """
     nothing: set[int] = set()
     count = campaign.total

@@ -107,10 +107,10 @@ def _run(file: Path, chosen: options.Campaign) -> None:
 
 def _print_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) -> None:
     if as_json:
-        from midnet_bench.analysis.tables import Table, to_json
+        from midnet_bench.analysis.tables import Table
 
         table = Table("plan", "What would run", [dataclasses.asdict(ahead)])
-        print_json(to_json(experiment, [table], directory=str(directory)))
+        show(experiment, [table], as_json, directory=str(directory))
         return
     measured = ahead.measured_on
     basis = f"from {counted(measured, 'finished trial')}" if measured else "before any trial is measured"
@@ -258,9 +258,7 @@ def size(
     answer = workflow.size(question, building, directory, jobs=jobs, fresh=fresh, note=messages.note)
     workflow.write(answer, building, directory)
     if as_json:
-        from midnet_bench.analysis.tables import to_json
-
-        print_json(to_json("size", [answer.table, answer.places], answer=answer.sentences))
+        show("size", [answer.table, answer.places], as_json, answer=answer.sentences)
         return
     first, *others = answer.sentences
     print_lines([first, ""])

@@ -9,7 +9,7 @@ import typer
 
 from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.messages import print_json, show
+from midnet_bench.cli.messages import show
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
@@ -175,14 +175,12 @@ def _print(made: "MadeMap", as_json: bool) -> None:
         for file in made.files:
             typer.echo(file)
         return
-    from midnet_bench.analysis.tables import to_json
-
-    document = to_json(
+    show(
         "mapping" if made.scores else None,
         [made.scores] if made.scores else [],
+        as_json,
         cells=[grid.width, grid.height],
         resolution_m=grid.resolution,
         files=[str(file) for file in made.files],
         warnings=made.warnings,
     )
-    print_json(document)

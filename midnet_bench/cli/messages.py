@@ -252,13 +252,20 @@ def print_json(document: Any) -> None:
 
 
 def show(
-    experiment: str | None, tables: "Sequence[Table]", as_json: bool = False, wide: bool = False
+    experiment: str | None,
+    tables: "Sequence[Table]",
+    as_json: bool = False,
+    wide: bool = False,
+    **more: Any,
 ) -> None:
-    """Print tables for people, or as one JSON document; ``wide``: all columns, however long the lines."""
+    """Print tables for people, or as one JSON document that says ``more`` beside them.
+
+    ``wide``: all columns, however long the lines.
+    """
     if as_json:
         from midnet_bench.analysis.tables import to_json
 
-        print_json(to_json(experiment, tables))
+        print_json(to_json(experiment, tables, **more))
         return
     for table in tables:
         typer.echo(drawn(table, None if wide else width()) + "\n")

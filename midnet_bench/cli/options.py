@@ -44,13 +44,8 @@ _LINE = re.compile(
 
 
 def option(metavar: str | None, help: str, *names: str, **more: Any) -> Any:
-    """An option: what stands for its value in the help, its help, and its names where they are not usual."""
+    """An option: what stands for its value in the help (None of a flag), its help, its names if not usual."""
     return typer.Option(*names, metavar=metavar, help=help, **more)
-
-
-def flag(help: str, *names: str, **more: Any) -> Any:
-    """An option without a value."""
-    return typer.Option(*names, help=help, **more)
 
 
 def argument(metavar: str | None, help: str, complete: Any = None, **more: Any) -> Any:
@@ -183,11 +178,13 @@ Part = Annotated[str | None, parameter()]
 Number = Annotated[int | None, parameter("N")]
 Numbers = Annotated[str | None, parameter("N,N")]
 Jobs = Annotated[int | None, option("N", "Worker processes (default all cores).", min=1)]
-Json = Annotated[bool, flag("Print JSON, and nothing else, on standard output.", "--json")]
-Wide = Annotated[bool, flag("Print tables with all their columns, however long the lines.", "--wide")]
+Json = Annotated[bool, option(None, "Print JSON, and nothing else, on standard output.", "--json")]
+Wide = Annotated[bool, option(None, "Print tables with all their columns, however long the lines.", "--wide")]
 Trust = Annotated[
     bool,
-    flag("Run the code that results from elsewhere name.", "--trust", callback=_trust, expose_value=False),
+    option(
+        None, "Run the code that results from elsewhere name.", "--trust", callback=_trust, expose_value=False
+    ),
 ]
 Where = Annotated[
     list[str] | None,

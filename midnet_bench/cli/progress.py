@@ -3,12 +3,12 @@
 ``-q`` silences both; ``-v`` shows lines. Lines go to the log file in any case.
 """
 
+import contextlib
 import logging
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from datetime import timedelta
 
 from midnet_bench.campaign.runner import Progress
@@ -19,7 +19,7 @@ SECONDS_BETWEEN_LINES = 10.0
 S_PER_LOOP = 0.6  # CPU seconds that numba needs for one of our loops in the mean
 
 
-class Meter:
+class Meter(contextlib.AbstractContextManager["Meter"]):
     """Shows how far a piece of work has come, in lines; the last one is printed in any case."""
 
     def __init__(self, done: float = 0.0, estimates: bool = True) -> None:
@@ -45,6 +45,9 @@ class Meter:
     def note(self, text: str) -> None:
         """A line that the user should read."""
         messages.note(text)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Print what is left; nothing more will come."""
@@ -91,7 +94,7 @@ class Bar(Meter):
         self._bar.stop()
 
 
-def _open(done: float = 0.0, estimates: bool = True) -> Meter:
+def meter(done: float = 0.0, estimates: bool = True) -> Meter:
     """A bar if stderr may be animated and neither ``-q`` nor ``-v`` is given, else lines."""
     is_plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     # a bar that the lines of -v run through would be neither
@@ -99,33 +102,19 @@ def _open(done: float = 0.0, estimates: bool = True) -> Meter:
     return Bar(done, estimates) if as_bar else Meter(done, estimates)
 
 
-@contextmanager
-def meter(done: float = 0.0, estimates: bool = True) -> Iterator[Meter]:
-    """A :class:`Meter`, or a :class:`Bar` where that can be seen, for as long as the block takes."""
-    opened = _open(done, estimates)
-    try:
-        yield opened
-    finally:
-        opened.close()
-
-
-@contextmanager
+@contextlib.contextmanager
 def compiling() -> Iterator[Callable[[int, int], None]]:
     """Shows how many loops are compiled, of about how many; says nothing where none has to be."""
-    opened: Meter | None = None
+    opened: list[Meter] = []
+    with contextlib.ExitStack() as held:
 
-    def show(done: int, total: int) -> None:
-        nonlocal opened
-        if opened is None:
-            messages.note(f"compiling {total} loops, once, about {round(total * S_PER_LOOP)} s")
-            opened = _open()
-        opened.show(done, max(done, total), f"compiled {done} loops")
+        def show(done: int, total: int) -> None:
+            if not opened:
+                messages.note(f"compiling {total} loops, once, about {round(total * S_PER_LOOP)} s")
+                opened.append(held.enter_context(meter()))
+            opened[0].show(done, max(done, total), f"compiled {done} loops")
 
-    try:
         yield show
-    finally:
-        if opened is not None:
-            opened.close()
 
 
 class CampaignProgress(Progress):
@@ -136,7 +125,7 @@ class CampaignProgress(Progress):
     def begin(self, total: int, done: int) -> None:
         """See :class:`Progress`."""
         self._total, self._done, self._failed = total, done, 0
-        self._meter = _open(done)
+        self._meter = meter(done)
         messages.log.debug("%d trials, %d of them already stored", total, done)
         if done:
             self._meter.note(f"{done} of {total} trials are already stored")

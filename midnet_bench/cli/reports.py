@@ -69,10 +69,8 @@ def compare(
     if rank or of or rank_by:
         if len(directories) != 1:
             raise InputError("compare: --rank ranks one campaign; give one folder")
-        page, tables = (
-            output or directories[0] / "leaderboard.md",
-            workflow.rank(directories[0], of or [], rank_by),
-        )
+        page = output or directories[0] / "leaderboard.md"
+        tables = workflow.rank(directories[0], of or [], rank_by)
         workflow.write_ranking(directories[0], tables, page)
         show(None, tables, as_json, wide)
         if not as_json:
