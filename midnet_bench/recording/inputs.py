@@ -100,12 +100,10 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
     Raises:
         InputError: the recordings or the map cannot be used.
     """
-    with opened(files) as sources, ExitStack() as stack:
+    with opened(files) as sources:
         for text in setup.pose.values():
             if Path(text).suffix in (".csv", ".tum", ".txt"):
-                table = read_text(Path(text)).called(text)
-                stack.callback(table.close)
-                sources.append(table)
+                sources.append(read_text(Path(text)).called(text))
         recorded = Recorded.of(sources, file_names([Path(source.path) for source in sources]), setup)
         remarks = [one.remarks for one in sources] + [one.remarks for one in recorded.surveys]
         for remark in itertools.chain(*remarks):

@@ -128,12 +128,9 @@ class Drive:
         """Of the scans, seconds since the beginning."""
         return np.arange(0.5, self.seconds, 1.0 / self.rate_hz).tolist()
 
+    @cached_property
     def scans(self) -> list[tuple[float, np.ndarray]]:
         """Seconds since the beginning, and (beams,) ranges, inf where nothing came back."""
-        return self._cast
-
-    @cached_property
-    def _cast(self) -> list[tuple[float, np.ndarray]]:
         rng = np.random.default_rng(self.seed)
         angles = self.lidar.angles_rad * (-1.0 if self.upside_down else 1.0)
         found = []
@@ -187,7 +184,7 @@ def scan_messages(
 ) -> list[Said]:
     """Each scan, recorded ``lag_s`` after its stamp; ``fields``: of the message, instead of its own."""
     found = []
-    for time_s, ranges_m in drive.scans():
+    for time_s, ranges_m in drive.scans:
         kind, said = laser_scan(frame, ns_of(time_s), ranges_m, drive.lidar, 1.0 / drive.rate_hz)
         found.append(Said(topic, ns_of(time_s + lag_s), Message(kind, {**said, **fields})))
     return found
@@ -305,7 +302,7 @@ def write_scan_table(path: Path, drive: Drive, with_poses: bool = False) -> Path
     ]
     beams = [f"r{k}" for k in range(lidar.beams)]
     rows = []
-    for time_s, ranges_m in drive.scans():
+    for time_s, ranges_m in drive.scans:
         at = [*track(time_s)] if with_poses else []
         rows.append([f"{BEGIN_S + time_s:.3f}", *at, *numbers, *ranges_m.tolist()])
     return write_table(

@@ -8,7 +8,6 @@ from tests.recording import recordings as made
 from tests.recording.recordings import Drive, replayed
 
 DRIVE = Drive(movers={"red": made.on_the_way(6.0)})
-MOUNT = [*DRIVE.mount[:2], 0.0]
 
 
 @pytest.fixture(scope="module")

@@ -103,10 +103,10 @@ def test_frames_at_a_rate(tmp_path):
     assert {float(row["t"]) % 0.25 for row in found.boxes} == {0.0}
 
 
-def friend_poses(mover, seconds):
+def friend_poses(mover, seconds, topic="/friend"):
     times = np.arange(0.0, seconds + 0.3, 0.05).tolist()
     poses = [(t, Pose2D(*made.middle(mover(t)), 0.0)) for t in times]
-    return made.track_messages(poses, topic="/friend")
+    return made.track_messages(poses, topic=topic)
 
 
 def with_friend(behind_s, radius_m):
@@ -162,8 +162,7 @@ def test_an_ally_that_is_late_is_noted_with_its_age(tmp_path):
 
 @pytest.mark.slow
 def test_labels_by_time_by_index_and_by_topic_score_alike(tmp_path):
-    poses = [(t, Pose2D(*made.middle(RED["red"](t)), 0.0)) for t in np.arange(0.0, 4.3, 0.05).tolist()]
-    more = made.track_messages(poses, topic="/red")
+    more = friend_poses(RED["red"], 4.0, "/red")
     by_t, by_index = (
         str(made.write_labels(tmp_path / f"{by}.csv", DRIVE.labels(), by)) for by in ("t", "scan_index")
     )

@@ -22,7 +22,7 @@ from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.ros_node import DEBIANS, PUBLISHED
 from midnet_bench.workflows.export import export_trial
 from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
-from tests.recording.test_export import read, trials_own
+from tests.recording.test_export import read, stamp_of, trials_own
 
 FRAMES, SEED = 30, 3
 TEAM: dict[str, Scalar] = {"robots": 5, "frames": FRAMES, "engine": "fast"}
@@ -173,7 +173,7 @@ def test_a_played_trial_gives_the_detections_of_the_same_messages_offline(
     # who writes the bag outlives who was asked to
     ros.wait_for((ros.folder / "heard.bag").exists, "the recorder closes no bag")
     found = {one.stamp_ns: one for one in read(ros.folder / "heard.bag")}
-    stamps = {stamp_of_markers(one.message): one.message.markers[1:] for one in found.values()}
+    stamps = {stamp_of(one.message.markers[0].header): one.message.markers[1:] for one in found.values()}
     assert stamps.keys() == wanted.keys()
     assert len(wanted) == FRAMES - 1
     assert sum(map(len, wanted.values())) > FRAMES
@@ -194,11 +194,6 @@ def heard_by(ros: Ros) -> set[str]:
         for topic, names in ros.subscribers().items()
         if "/midnet" in names or any(name.startswith("/record") for name in names)
     }
-
-
-def stamp_of_markers(message: object) -> int:
-    stamp = message.markers[0].header.stamp  # type: ignore[attr-defined]
-    return int(stamp.sec * NS + stamp.nanosec)
 
 
 @needs_ros

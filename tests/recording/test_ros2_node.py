@@ -18,6 +18,7 @@ from rosbags.rosbag1 import Writer
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import LiveNode
 from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
+from tests.recording.test_export import stamp_of
 from tests.recording.test_node_attacks import NAMES, NS, OPTIONS, Raw, drive, with_malformed
 
 needs_dds = pytest.mark.skipif(
@@ -99,7 +100,7 @@ def played(
     came, sent = pickle.loads(sink.read_bytes())
     found = [TYPES.store.deserialize_cdr(raw, KIND).markers for raw in came]
     return sent, {
-        markers[0].header.stamp.sec * NS + markers[0].header.stamp.nanosec: [
+        stamp_of(markers[0].header): [
             (one.pose.position.x, one.pose.position.y, one.scale.x, one.scale.y) for one in markers[1:]
         ]
         for markers in found

@@ -30,10 +30,10 @@ def bag_of(folder, container):
 def test_a_recording_of_each_kind_is_mapped(tmp_path, container):
     notes = []
     log = scan_log_of(bag_of(tmp_path, container), notes.append)
-    assert len(log) == len(DRIVE.scans())
+    assert len(log) == len(DRIVE.scans)
     assert any("poses" in line for line in notes)
     result = map_scans(log)
-    times_s = [DRIVE.scans()[number - 1][0] for number in result.integrated]
+    times_s = [DRIVE.scans[number - 1][0] for number in result.integrated]
     true = [DRIVE.track(time_s).relative_to(DRIVE.track(times_s[0])) for time_s in times_s]
     found = [result.trajectory.pose(k).relative_to(result.trajectory.pose(0)) for k in range(len(true))]
     assert max(a.distance_to(b) for a, b in zip(found, true, strict=True)) < 0.08

@@ -88,10 +88,6 @@ class Survey:
             found.append(parents[found[-1]])
         return found
 
-    def roots(self) -> set[str]:
-        """The frames of tf without a parent."""
-        return {frame for frame, _ in self.transforms} - {child for _, child in self.transforms}
-
     def is_fixed(self, frame: str, child: str) -> bool:
         """Whether a transform never changed while it was looked at."""
         seen = np.array([one.transform for one in self.transforms[frame, child]])
@@ -123,7 +119,8 @@ def survey(source: Source, from_ns: int = -EVER_NS, to_ns: int = EVER_NS) -> Sur
     for start_ns, stop_ns in windows if large else ():
         _sample(found, large, start_ns, stop_ns)
     tf = {name for name in large if source.topics[name].kind == TF}
-    if tf and len(found.roots()) > 1:
+    roots = {frame for frame, _ in found.transforms} - {child for _, child in found.transforms}
+    if tf and len(roots) > 1:
         _sample(found, tf, is_sparse=True)
     if found.fault and not any(stream.seen for stream in found.streams.values()):
         raise InputError(found.fault)
