@@ -161,19 +161,18 @@ class _Clocks:
         self.counted: list[str] = []
         """the topics by which others are judged"""
 
-    def take(self, topic: str, stamp_ns: int, arrived_s: float) -> bool:
-        """Take one more stamp; whether it is a time, by its topic and by most of the others."""
+    def take(self, topic: str, stamp_ns: int, arrived_s: float) -> tuple[bool, float]:
+        """Take one more stamp; whether it is a time, and the latest that one of the topic can be now, ns.
+
+        Its topic and most of the others tell; inf while too few have come.
+        """
         seen = self._offsets.setdefault(topic, deque(maxlen=STAMPS_KEPT))
         seen.append(stamp_ns - round(arrived_s * NS))
         if len(seen) < STAMPS_NEEDED:
-            return True
-        return -LARGEST_JUMP_NS <= seen[-1] - self._usual_ns(topic) <= AHEAD_NS
-
-    def latest_ns(self, topic: str, arrived_s: float) -> float:
-        """The farthest that a stamp of a topic can be now; inf while too few have come."""
-        if len(self._offsets[topic]) < STAMPS_NEEDED:
-            return math.inf
-        return self._usual_ns(topic) + round(arrived_s * NS) + AHEAD_NS
+            return True, math.inf
+        usual_ns = self._usual_ns(topic)
+        is_time = -LARGEST_JUMP_NS <= seen[-1] - usual_ns <= AHEAD_NS
+        return is_time, usual_ns + round(arrived_s * NS) + AHEAD_NS
 
     def _usual_ns(self, topic: str) -> int:
         """A topic's offset, or that of most topics that are counted where its own is an hour off."""
@@ -293,8 +292,8 @@ class LiveNode:
         elif heard.has_odd_sweep(scan, said_rad):
             self.leave_out("scans have another number of beams than those before", scan.topic)
         else:
-            is_time = self._clocks.take(scan.topic, scan.stamp_ns, self._now_s)
-            self._forget_future(heard, scan.topic)
+            is_time, latest_ns = self._clocks.take(scan.topic, scan.stamp_ns, self._now_s)
+            self._forget_future(heard, latest_ns)
             if is_time:
                 self._queue(heard, scan)
             else:
@@ -317,9 +316,8 @@ class LiveNode:
         if not self._arrived or scan.stamp_ns > self._arrived[-1][0]:
             self._arrived.append((scan.stamp_ns, self._now_s))
 
-    def _forget_future(self, heard: _Heard, topic: str) -> None:
+    def _forget_future(self, heard: _Heard, limit_ns: float) -> None:
         """Take back scans that came before it was clear that their stamps were no times, and their frames."""
-        limit_ns = self._clocks.latest_ns(topic, self._now_s)
         if heard.newest_ns <= limit_ns:
             return
         heard.forget_after(round(limit_ns))
@@ -350,8 +348,8 @@ class LiveNode:
         if isinstance(track, Transform):
             return
         clock = f"{TF} {reading.child}" if is_tf else topic
-        is_time = self._clocks.take(clock, reading.stamp_ns, self._now_s)
-        track.forget_after(self._clocks.latest_ns(clock, self._now_s))
+        is_time, latest_ns = self._clocks.take(clock, reading.stamp_ns, self._now_s)
+        track.forget_after(latest_ns)
         if is_time:
             track.take(reading.stamp_ns, reading)
             track.forget(reading.stamp_ns - WAITED_NS)
