@@ -221,14 +221,19 @@ def _is_worth(before: Candidate, after: Candidate) -> bool:
 def _range(search: Search, best: Candidate, number: int) -> Range:
     """Where the share falls below the best by more than noise, on both sides of the best value."""
     least, farthest = best.share - search.noise, list(PARAMETERS.values())[number]
-    offsets = [0.0, *(farthest * np.geomspace(1.0 / 256.0, 1.0, 50)).tolist()]
+    offsets = [0.0, *(farthest * np.exp2(np.arange(-48, 1) / 6.0)).tolist()]
 
-    def is_off(offset: float) -> bool:
-        values = best.values.copy()
-        values[number] += offset
-        return search.candidate(values, best.is_mirrored).share < least
+    def first_off(sign: float) -> int:
+        def is_off(offset: float) -> bool:
+            values = best.values.copy()
+            values[number] += sign * offset
+            return search.candidate(values, best.is_mirrored).share < least
 
-    below, above = (bisect_left(offsets, True, key=lambda off: is_off(sign * off)) for sign in (-1.0, 1.0))
+        # by doubling: further out the share may rise again
+        beyond = next((k for k in range(1, 50, 6) if is_off(offsets[k])), len(offsets))
+        return bisect_left(offsets, True, max(beyond - 6, 0), beyond, key=is_off)
+
+    below, above = first_off(-1.0), first_off(1.0)
     return Range(offsets[below - 1], offsets[above - 1], max(below, above) == len(offsets))
 
 
@@ -238,14 +243,10 @@ def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
     strengths, ways = np.linalg.eigh(information[4:6, 4:6])
     if strengths[0] < UNSEEN:
         angle = math.degrees(math.atan2(ways[1, 0], ways[0, 0])) % 180.0
-        sentences.append(
-            f"the walls that were seen say nothing of places along {angle:.0f} degrees of the map"
-        )
+        sentences.append(f"the walls that were seen say nothing along {angle:.0f} degrees of the map")
     if search.speed_mps < SLOWEST_MPS:
-        sentences.append(
-            "the robot hardly moves: nothing can be said of a scan delay, nor of mount against map"
-        )
-        return tuple(sentences)
+        still = "the robot hardly moves: nothing can be said of a scan delay, nor of mount against map"
+        return (*sentences, still)
     left, by_mount = _left_over(information, DELAY, MOUNT)
     if left < ALIKE:
         x, y, yaw = (-0.1 * units[3] / units[:3] * by_mount[:, 0]).tolist()
