@@ -1,6 +1,5 @@
 """The commands about arenas: ``arena show``, ``from-image``, ``from-map`` and ``check``."""
 
-import json
 import math
 from pathlib import Path
 from typing import Annotated, Literal
@@ -106,7 +105,7 @@ def check(name: options.ArenaFile, output: Path | None = None, as_json: options.
     if as_json:
         listed = [{"fault": text, "at_m": at and [round(part, 3) for part in at]} for text, at in faults]
         areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at, _ in closed]
-        typer.echo(json.dumps({"arena": found.name, "faults": listed, "no_entry": areas}))
+        messages.print_json({"arena": found.name, "faults": listed, "no_entry": areas})
     elif not faults:
         (width_m, height_m), walls = found.enclosure_m, len(found.wall_solids())
         typer.echo(f"ok ({messages.shown(found.name)}: {width_m:g} x {height_m:g} m, {walls} pieces of wall)")

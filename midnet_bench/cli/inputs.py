@@ -1,6 +1,5 @@
 """The commands that say what can be given: ``parameters``, and ``check`` of code for a seam."""
 
-import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -133,7 +132,7 @@ def check(
     if as_json:
         frame_ms = None if found.frame_ms is None else round(found.frame_ms, 3)
         said = {"seam": found.seam, "name": found.name, "faults": found.faults, "frame_ms": frame_ms}
-        typer.echo(json.dumps(said))
+        print_json(said)
     elif found.faults:
         typer.echo("\n".join(found.faults))
     elif found.frame_ms is None:
