@@ -186,7 +186,7 @@ def proposal(files: Sequence[Path], recorded: Recorded) -> list[str]:
 
 
 def _grids(recorded: Recorded) -> list[str]:
-    return [name for one in recorded.sources for name, topic in one.topics.items() if topic.kind == "grid"]
+    return [name for one in recorded.surveys for name, at in one.streams.items() if at.topic.kind == "grid"]
 
 
 def file_names(files: Sequence[Path]) -> list[str]:
@@ -271,12 +271,12 @@ def prior_map_of(
         return _background(setup, setup.background, recorded, robots, note)
     if setup.map is None:
         raise InputError("replay: a map is needed: --map MAP.yaml, --map TOPIC, or background in setup.yaml")
-    for source in recorded.sources:
-        if setup.map in source.topics:
-            reading = next(iter(source.readings({setup.map})), None)
-            if isinstance(reading, GridReading):
-                return reading.as_map(), None
-    if any(setup.map in source.topics for source in recorded.sources):
+    sources = [one.source for one in recorded.surveys if setup.map in one.source.topics]
+    for source in sources:
+        reading = next(iter(source.readings({setup.map})), None)
+        if isinstance(reading, GridReading):
+            return reading.as_map(), None
+    if sources:
         raise InputError(f"map: {setup.map}: holds no map (nav_msgs/OccupancyGrid)")
     grids = _grids(recorded)
     if grids and setup.map.startswith("/") and not Path(setup.map).exists():
@@ -295,7 +295,7 @@ def _background(
             lasts_s = number_of(background.removeprefix(FIRST), f"background: {background}")
             if lasts_s <= 0.0:
                 raise InputError(f"background: {background}: {lasts_s:g} s is no time; give such as first-10")
-        elif any(path.exists() and path.samefile(source.path) for source in recorded.sources):
+        elif any(path.exists() and path.samefile(one.source.path) for one in recorded.surveys):
             raise InputError(
                 f"background: {background}: is the recording itself, whose people would be walls; "
                 "give another recording, or its beginning as first-10"

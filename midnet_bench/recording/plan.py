@@ -27,12 +27,12 @@ LEAST_BEAM_ANGLE_RAD = 1e-5
 class Recorded(NamedTuple):
     """Open recordings, one element of each list for each source."""
 
-    sources: list[Source]
     surveys: list[Survey]
     names: list[str]
     offsets_ns: list[int]  # added to the times of each source
     part_ns: tuple[int, int]
     """first and last record time of the scans that are used, by the sources' common clock"""
+    end_ns: int  # of the last message, by that clock
 
     @classmethod
     def of(cls, sources: list[Source], names: list[str], setup: RecordingSetup) -> "Recorded":
@@ -50,7 +50,7 @@ class Recorded(NamedTuple):
         if setup.to_s is not None and setup.to_s <= setup.from_s:
             raise InputError(f"to_s: {setup.to_s:g} s is not after from_s, {setup.from_s:g} s")
         surveys = [survey(source, from_ns - own_ns, to_ns - own_ns) for source, own_ns in every]
-        return cls(sources, surveys, names, offsets_ns, (from_ns, to_ns))
+        return cls(surveys, names, offsets_ns, (from_ns, to_ns), end_ns)
 
     def holder(self, topic: str, first: int = 0) -> int:
         """The source that has a topic, ``first`` before others."""
@@ -68,7 +68,7 @@ class Recorded(NamedTuple):
         if streams[topic].topic.kind != kind:
             raise InputError(
                 f"{key}: '{topic}' is {streams[topic].topic.type}, which gives no {kind}; "
-                f"'midnet-bench replay {self.sources[source].path}' lists what there is"
+                f"'midnet-bench replay {self.surveys[source].source.path}' lists what there is"
             )
         if not streams[topic].seen:
             raise InputError(f"{key}: '{topic}' has no message where the recording was looked at")
@@ -250,7 +250,7 @@ def _all_lasers(recorded: Recorded, setup: RecordingSetup) -> list[_Laser]:
             found += [_Laser(name, number, stream) for stream in streams]
     if found:
         return found
-    paths = ", ".join(source.path for source in recorded.sources)
+    paths = ", ".join(look.source.path for look in recorded.surveys)
     if setup.from_s or setup.to_s:
         upto = "the end" if setup.to_s is None else f"{setup.to_s:g} s"
         raise InputError(f"{paths}: no scan from {setup.from_s:g} s to {upto}; change --from or --to")

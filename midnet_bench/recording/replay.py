@@ -190,9 +190,7 @@ class Replay:
                     self._passed_ns = self._pending[0].time_ns
                     yield from self._passed(heapq.heappop(self._pending))
         if self._period_ns is not None and self._now_ns is not None:  # one more, if it is in the recording
-            ends = zip(self._recorded.sources, self._recorded.offsets_ns, strict=True)
-            end_ns = max(source.end_ns + own_ns for source, own_ns in ends)
-            self._queue_frames(min(end_ns, self._now_ns + round(self._period_ns)))
+            self._queue_frames(min(self._recorded.end_ns, self._now_ns + round(self._period_ns)))
         while self._pending:
             yield from self._passed(heapq.heappop(self._pending))
         if self._damage is not None:
@@ -201,7 +199,7 @@ class Replay:
     def _readings(self) -> Iterator[tuple[int, Reading]]:
         """What is needed of all sources, in the order in which it was recorded, up to any damage."""
         streams = []
-        for number, source in enumerate(self._recorded.sources):
+        for number, source in enumerate(one.source for one in self._recorded.surveys):
             topics = {topic for at, topic, _ in self._by_scan if at == number}
             topics |= {topic for at, topic in self._by_exact if at == number and topic in source.topics}
             links = [link for link in self.tracks if link.source == number]
@@ -217,7 +215,7 @@ class Replay:
             self._damage = error
 
     def _readings_of(self, number: int, topics: set[str]) -> Iterator[tuple[int, Reading]]:
-        source, to_ns = self._recorded.sources[number], self._recorded.part_ns[1]
+        source, to_ns = self._recorded.surveys[number].source, self._recorded.part_ns[1]
         length_ns = max(source.end_ns - source.start_ns, 1)
         stop_ns = None if to_ns == EVER_NS else to_ns - self._recorded.offsets_ns[number] + PATIENCE_NS
         for reading in source.readings(topics, None, stop_ns):
