@@ -257,15 +257,12 @@ class Solid:
         outside = lengths(np.maximum(np.stack((beyond_x, beyond_y), axis=-1), 0.0))
         return outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
 
+    @cached_property
     def outline(self) -> npt.NDArray[np.float64]:
         """(k, 2) corners seen from above, counter-clockwise, map frame, metres; read-only.
 
         A cylinder's corners lie outside its circle by as much as the middles of its sides lie inside.
         """
-        return self._outline
-
-    @cached_property
-    def _outline(self) -> npt.NDArray[np.float64]:
         if self.kind == "cylinder":
             half_side = math.pi / CYLINDER_SIDES
             radius = self.length_m / (1.0 + _elementary().cos(half_side))
@@ -282,8 +279,7 @@ class Solid:
         """The axis-aligned extent in the plane, which is also that in the scan plane (item 45)."""
         if self.kind == "cylinder":
             return Box.square(self.pose.x, self.pose.y, self.length_m)
-        corners = self.outline()
-        return Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
+        return Box(*self.outline.min(axis=0).tolist(), *self.outline.max(axis=0).tolist())
 
 
 def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:
@@ -292,7 +288,7 @@ def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:
     Taken at its centre and at points no more than 5 cm apart along its outline, so an overlap never
     goes unseen and the distance is right to a millimetre from 0.3 m up.
     """
-    points = np.vstack((dense_outline(solid.outline(), 0.05), (solid.pose.x, solid.pose.y)))
+    points = np.vstack((dense_outline(solid.outline, 0.05), (solid.pose.x, solid.pose.y)))
     return min((float(other.distance_to(points).min()) for other in others), default=math.inf)
 
 

@@ -96,6 +96,11 @@ class Behaviour(Spec):
         return self
 
 
+def _sides(kind: Kind, size_m: Size) -> Size:
+    """Length and width of a shape of this size: those of a cylinder are its diameter, the first."""
+    return (size_m[0], size_m[0]) if kind == "cylinder" else size_m
+
+
 class MobileIntruders(Behaviour):
     """Burgers that do not belong here."""
 
@@ -130,8 +135,7 @@ class OtherIntruders(Behaviour):
     @property
     def sides_m(self) -> Size:
         """Length and width of what is no person."""
-        length_m, width_m = self.size_m or (0.4, 0.4)
-        return (length_m, length_m) if self.kind == "cylinder" else (length_m, width_m)
+        return _sides(self.kind, self.size_m or (0.4, 0.4))
 
     @property
     def radius_m(self) -> float:
@@ -186,16 +190,11 @@ class Arena(Spec):
 
     def placed_solids(self) -> tuple[Solid, ...]:
         """The stationary intruders whose place the file fixes."""
-        height = self.stationary_intruders.height_m
+        spec = self.stationary_intruders
+        places = [Pose2D(one.x_m, one.y_m, one.yaw_rad) for one in spec.placed]
         return tuple(
-            Solid(
-                item.shape,
-                Pose2D(item.x_m, item.y_m, item.yaw_rad),
-                item.size_m[0],
-                item.size_m[0] if item.shape == "cylinder" else item.size_m[1],
-                height,
-            )
-            for item in self.stationary_intruders.placed
+            Solid(one.shape, place, *_sides(one.shape, one.size_m), spec.height_m)
+            for one, place in zip(spec.placed, places, strict=True)
         )
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import cv2
@@ -41,8 +42,20 @@ class Detector(Protocol):
         """
 
 
+@dataclass(eq=False)
 class _ScanDetector:
     """A detector that looks at each robot's last scan alone."""
+
+    prior_map: OccupancyGrid
+    range_m: float
+
+    @cached_property
+    def _walls(self) -> OccupancyGrid:
+        return wall_distances(self.prior_map)
+
+    def _off_m(self, points: Floats) -> npt.NDArray[np.float32]:
+        """(n,) from each of (n, 2) points to the nearest mapped wall, metres; 0 beyond the map."""
+        return values_at(self._walls.data, self._walls, points, 0.0)
 
     def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
         """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
@@ -61,19 +74,14 @@ class MapSubtraction(_ScanDetector):
     beyond the map is no intruder.
     """
 
-    prior_map: OccupancyGrid
-    range_m: float
     tolerance_m: float = 0.15
     gap_m: float = 0.2
     min_returns: int = 1
     margin_m: float = 0.05
 
-    def __post_init__(self) -> None:
-        self._walls = wall_distances(self.prior_map)
-
     def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
         _, points = scan.returns(self.range_m)
-        points = points[values_at(self._walls.data, self._walls, points, 0.0) > self.tolerance_m]
+        points = points[self._off_m(points) > self.tolerance_m]
         apart = lengths(points - np.roll(points, 1, axis=0)) > self.gap_m
         groups = [points[group] for group in cut_around(apart) if len(group) >= self.min_returns]
         return [extent(group, self.margin_m) for group in groups]
@@ -89,16 +97,11 @@ class CircleClusters(_ScanDetector):
     them, plus three deviations of the range.
     """
 
-    prior_map: OccupancyGrid
-    range_m: float
     incidence_deg: float = 10.0  # lambda of the breakpoints, more than the angle between two beams
     noise_m: float = 0.01  # deviation of a range
     tolerance_m: float = 0.15  # a piece whose median return is nearer to a mapped wall is the wall
     max_radius_m: float = 0.3  # a larger circle is not believed; the piece's extent is taken
     min_returns: int = 2  # a piece of fewer is dropped
-
-    def __post_init__(self) -> None:
-        self._walls = wall_distances(self.prior_map)
 
     def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
         # what is out of range cuts too: it tells an intruder from the wall beside it
@@ -118,10 +121,9 @@ class CircleClusters(_ScanDetector):
         boxes = []
         for group in cut_around(apart):
             piece = points[group[ranges_m[group] <= self.range_m]]
-            if len(piece) >= max(1, self.min_returns):
-                off_m = float(np.median(values_at(self._walls.data, self._walls, piece, 0.0)))
-                if off_m > self.tolerance_m:
-                    boxes.append(self._box(piece))
+            is_long = len(piece) >= max(1, self.min_returns)
+            if is_long and float(np.median(self._off_m(piece))) > self.tolerance_m:
+                boxes.append(self._box(piece))
         return boxes
 
     def _box(self, piece: Floats) -> list[float]:
@@ -150,8 +152,6 @@ class RunningMean(_ScanDetector):
     its own.
     """
 
-    prior_map: OccupancyGrid
-    range_m: float
     memory_s: float = 10.0  # time constant: a cell that was free for long is background after 0.69 of it
     tolerance_m: float = 0.15  # how far a return may be off a cell of the background
     min_cells: int = 1  # a blob of fewer cells is dropped

@@ -1,6 +1,7 @@
 """``Fusion``: what makes one list of the robots' boxes; and those to compare Algorithms 3 and 4 with."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -61,19 +62,19 @@ class NoFusion:
         return all_of(found)
 
 
+@dataclass
 class NonMaximumSuppression:
     """The largest box stays and takes out all that overlap it by ``iou`` or more; then the next largest.
 
     Boxes have no score here, so size stands for it: a robot that sees more of an intruder has the larger box.
     """
 
-    def __init__(self, iou: float = 0.1) -> None:
-        self._iou = iou
+    iou: float = 0.1
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The boxes that nothing larger takes out, whatever the time is."""
         boxes = all_of(found)
-        overlap = ious(boxes[:, None], boxes) >= self._iou
+        overlap = ious(boxes[:, None], boxes) >= self.iou
         kept: list[int] = []
         for i in range(len(boxes)):
             if not overlap[i, kept].any():
@@ -81,6 +82,7 @@ class NonMaximumSuppression:
         return boxes[kept]
 
 
+@dataclass
 class ConnectedComponents:
     """Boxes that overlap by ``iou`` or more, directly or by others between them, become one around all.
 
@@ -88,8 +90,8 @@ class ConnectedComponents:
     A k-d tree finds those that can overlap, so that time grows with the team and not with its square.
     """
 
-    def __init__(self, iou: float = 0.1, gap_m: float = 0.0) -> None:
-        self._iou, self._gap_m = iou, gap_m
+    iou: float = 0.1
+    gap_m: float = 0.0
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """One box for each component, whatever the time is."""
@@ -107,16 +109,17 @@ class ConnectedComponents:
     def _pairs(self, boxes: BoxArray) -> npt.NDArray[np.int64]:
         """(n, 2) indices of the boxes that overlap enough, or lie near enough."""
         # two boxes with a common area have centres nearer than the longest side, along each axis
-        reach_m = float((boxes[:, 2:] - boxes[:, :2]).max()) + self._gap_m
+        reach_m = float((boxes[:, 2:] - boxes[:, :2]).max()) + self.gap_m
         near = KDTree(centres(boxes)).query_pairs(reach_m, p=np.inf, output_type="ndarray")
         some, others = boxes[near[:, 0]], boxes[near[:, 1]]
-        are_one = ious(some, others) >= self._iou
-        if self._gap_m > 0.0:
+        are_one = ious(some, others) >= self.iou
+        if self.gap_m > 0.0:
             gaps_m = np.maximum(some[:, :2], others[:, :2]) - np.minimum(some[:, 2:], others[:, 2:])
-            are_one |= lengths(np.maximum(gaps_m, 0.0)) <= self._gap_m
+            are_one |= lengths(np.maximum(gaps_m, 0.0)) <= self.gap_m
         return near[are_one]
 
 
+@dataclass
 class WeightedBoxes:
     """Each box, largest first, joins the mean that it overlaps most, by ``iou`` or more; or begins one.
 
@@ -124,8 +127,7 @@ class WeightedBoxes:
     detection models", Image and Vision Computing 107 (2021). Boxes have no score here: each weighs the same.
     """
 
-    def __init__(self, iou: float = 0.1) -> None:
-        self._iou = iou
+    iou: float = 0.1
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The means, whatever the time is."""
@@ -133,7 +135,7 @@ class WeightedBoxes:
         means = np.empty((0, 4))
         for box in all_of(found):
             overlap = ious(box, means)
-            if len(overlap) and overlap.max() >= self._iou:
+            if len(overlap) and overlap.max() >= self.iou:
                 best = int(overlap.argmax())
                 members[best].append(box)
                 means[best] = mean_point(np.array(members[best]))
@@ -143,21 +145,21 @@ class WeightedBoxes:
         return means
 
 
+@dataclass
 class CentreDistance:
     """Robot after robot: pairs within ``gap_m`` that are nearest in sum become their mean, the rest stays.
 
     Pairs by the Hungarian method. The order of the robots matters here.
     """
 
-    def __init__(self, gap_m: float = 0.3) -> None:
-        self._gap_m = gap_m
+    gap_m: float = 0.3
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """One box for each thing, whatever the time is."""
         team, weights = np.empty((0, 4)), np.empty(0)
         for own in found:
             gaps = lengths(centres(team)[:, None] - centres(own)[None])
-            rows, columns = most_pairs(gaps, self._gap_m)
+            rows, columns = most_pairs(gaps, self.gap_m)
             share = weights[rows, None]
             team[rows] = (team[rows] * share + own[columns]) / (share + 1.0)
             weights[rows] += 1.0

@@ -46,8 +46,8 @@ class FloorPlan:
     def of(cls, arena: Arena, layout: Layout, seed: int) -> "FloorPlan":
         """The plan of an arena with the stationary intruders of a seed's layout."""
         x, y = (side / 2.0 for side in arena.enclosure_m)
-        walls = [solid.outline() for solid in arena.wall_solids()]
-        stationary = [solid.outline() for solid in layout.stationary]
+        walls = [solid.outline for solid in arena.wall_solids()]
+        stationary = [solid.outline for solid in layout.stationary]
         return cls(f"{arena.name}, seed {seed}", Box(-x, -y, x, y), walls, stationary)
 
     def hides(self, point: Point) -> bool:

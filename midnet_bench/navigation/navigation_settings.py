@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -369,16 +369,12 @@ class NavigatorSettings(Settings):
     def of_robot(self, robot: RobotModel) -> "NavigatorSettings":
         """The same for another robot than a Burger: its outlines, and limits within what it can do."""
         footprint = padded(robot.footprint, _MARGIN_M)
-        inscribed_m, _ = radii(footprint)
-        local, around = (
-            replace(costmap, footprint=footprint, inscribed_radius_m=inscribed_m)
-            for costmap in (self.local_costmap, self.global_costmap)
-        )
+        outline: Any = {"footprint": footprint, "inscribed_radius_m": radii(footprint)[0]}
         return replace(
             self,
             bare_footprint=robot.footprint,
-            local_costmap=local,
-            global_costmap=around,
+            local_costmap=replace(self.local_costmap, **outline),
+            global_costmap=replace(self.global_costmap, **outline),
             dwa=replace(self.dwa, limits=self.dwa.limits.of_robot(robot)),
             rollout_limits=self.rollout_limits.within(robot),
         )

@@ -62,7 +62,11 @@ class TrajectoryRolloutPlanner(LocalPlanner):
         start = (*costmap.to_cells(pose.x, pose.y), float(pose.yaw))
         v, w = float(velocity[0]), float(velocity[1])
         seen = costmap.costs, grids, start, (v, w)
-        self._end_escape(pose)
+        if (began := self._escape_from) is not None and (
+            pose.distance_to(began) > ESCAPE_RESET_DIST_M
+            or abs(wrap_angle(pose.yaw - began.yaw)) > ESCAPE_RESET_THETA_RAD
+        ):
+            self._escape_from = None
         if self._escape_from is None:
             reach_v, reach_w = limits.acc_lim_x_mps2 * SIM_TIME_S, limits.acc_lim_theta_radps2 * SIM_TIME_S
             to_end = math.hypot(plan[-1, 0] - pose.x, plan[-1, 1] - pose.y)
@@ -100,13 +104,6 @@ class TrajectoryRolloutPlanner(LocalPlanner):
         elif pose.distance_to(self._turned_at) > OSCILLATION_RESET_DIST_M:
             self._turned_to.clear()
             self._only_side = 0
-
-    def _end_escape(self, pose: Pose2D) -> None:
-        if self._escape_from is not None and (
-            pose.distance_to(self._escape_from) > ESCAPE_RESET_DIST_M
-            or abs(wrap_angle(pose.yaw - self._escape_from.yaw)) > ESCAPE_RESET_THETA_RAD
-        ):
-            self._escape_from = None
 
 
 @njit

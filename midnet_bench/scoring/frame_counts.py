@@ -61,10 +61,7 @@ def touches(box: Box, other: Box) -> bool:
 
 
 def truths_in_range(
-    truths: Sequence[TruthObject],
-    sensors: Sequence[Point],
-    range_m: float,
-    rule: InRange = "edge",
+    truths: Sequence[TruthObject], sensors: Sequence[Point], range_m: float, rule: InRange = "edge"
 ) -> list[bool]:
     """For each truth, whether it is within ``range_m`` of at least one sensor (item 46).
 
@@ -141,9 +138,7 @@ def count_frame(
     )
 
 
-def gospa(
-    boxes: Sequence[Point], intruders: Sequence[Point], in_range: Sequence[bool], cutoff_m: float = CUTOFF_M
-) -> float:
+def gospa(boxes: Sequence[Point], intruders: Sequence[Point], in_range: Sequence[bool]) -> float:
     """GOSPA of one frame, metres; 0 where every intruder in range has its box and there is no other.
 
     Rahmathullah, Garcia-Fernandez and Svensson, "Generalized optimal sub-pattern assignment metric" (2017),
@@ -155,22 +150,17 @@ def gospa(
         intruders: (x, y) of the centres of the intruders.
         in_range: for each intruder, whether missing it counts. One out of range may have a partner, which
             costs their distance, and costs nothing without (item 47).
-        cutoff_m: c of the metric.
     """
-    alone = 0.5 * cutoff_m * (len(boxes) + sum(in_range))
+    half_m = 0.5 * CUTOFF_M
+    alone = half_m * (len(boxes) + sum(in_range))
     if not boxes or not intruders:
         return alone
     from scipy.optimize import linear_sum_assignment
 
     # what a pair costs beside both of them alone; worse than alone is no pair
+    each = list(zip(intruders, in_range, strict=True))
     change = np.array(
-        [
-            [
-                min(0.0, math.dist(box, intruder) - 0.5 * cutoff_m * (1 + counts))
-                for intruder, counts in zip(intruders, in_range, strict=True)
-            ]
-            for box in boxes
-        ]
+        [[min(0.0, math.dist(box, place) - half_m * (1 + counts)) for place, counts in each] for box in boxes]
     )
     return math.fsum([alone, *change[linear_sum_assignment(change)].tolist()])
 
@@ -258,24 +248,18 @@ class CauseCounter:
             in_window: for each truth, whether some part of it lies in some guard's local costmap.
             opposite: MIDNet's boxes if the robots come in opposite order; None in frames that skip this.
         """
-        before, self._before = (
-            self._before,
-            {
-                truth.name: (truth.box, near, near and inside)
-                for truth, near, inside in zip(truths, in_range, in_window, strict=True)
-            },
-        )
+        before, each = self._before, zip(truths, in_range, in_window, strict=True)
+        self._before = {truth.name: (truth.box, near, near and inside) for truth, near, inside in each}
         found = {index for indices in touched for index in indices}
         missed = [index for index, counts in enumerate(in_range) if counts and index not in found]
         seen = in_sight() if missed else ()
         known = [(index, before[truths[index].name]) for index in missed if truths[index].name in before]
         false = [box for box, indices in zip(detections, touched, strict=True) if not indices]
-        pairs = itertools.combinations(detections, 2)
         return Causes(
             fn_hidden=sum(not seen[index] for index in missed),
             fn_new=sum(not was_near for _, (_, was_near, _) in known),
             fp_left=sum(any(touches(box, place) for place, _, _ in before.values()) for box in false),
-            overlapping=int(any(touches(one, other) for one, other in pairs)),
+            overlapping=int(any(touches(*pair) for pair in itertools.combinations(detections, 2))),
             reordered=int(opposite is not None and sorted(opposite) != sorted(detections)),
             looked_at=int(opposite is not None),
             fn_outside_window=sum(not in_window[index] for index in missed),

@@ -140,10 +140,8 @@ class TrialMetrics:
 
     def tables(self) -> dict[str, list[dict[str, Scalar]]]:
         """The table ``metrics`` of a trial, a row for each of :meth:`values`; nothing if there are none."""
-        rows: list[dict[str, Scalar]] = [
-            {"metric": name, "value": value} for name, value in self.values().items()
-        ]
-        return {"metrics": rows} if rows else {}
+        found = self.values().items()
+        return {"metrics": [{"metric": name, "value": value} for name, value in found]} if found else {}
 
     def _checked(self, name: str, method: str, given: Any) -> dict[str, float]:
         """What a metric gave, as floats by name. Raises PluginError unless it is."""

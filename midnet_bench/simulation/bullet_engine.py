@@ -371,7 +371,7 @@ def add_solids(client: Client, solids: tuple[Solid, ...]) -> int:
     vertices: list[list[float]] = []
     triangles: list[int] = []
     for solid in solids:
-        outline = solid.outline()
+        outline = solid.outline
         count, first = len(outline), len(vertices)
         for height in (-_BELOW_FLOOR_M, solid.height_m):
             vertices += np.column_stack((outline, np.full(count, height))).tolist()

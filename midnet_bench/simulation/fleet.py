@@ -225,7 +225,7 @@ class Standstill:
 
 def surfaces(layout: Layout) -> Floats:
     """(k, 4) the sides of all walls and stationary intruders: x and y of one end, x and y of the other."""
-    outlines = [solid.outline() for solid in layout.solids]
+    outlines = [solid.outline for solid in layout.solids]
     ends = [part for outline in outlines for part in (outline[1:], outline[:1])]
     return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
 

@@ -153,7 +153,7 @@ def add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, name: str
     """Shape a body: a box as such, since beams find it in half the time, or an outline."""
     shape = body.add_geom(group=group, friction=[WALL_FRICTION, 0.0, 0.0])
     if solid.kind == "cylinder":
-        add_prism(spec, name, solid.outline(), solid.height_m)
+        add_prism(spec, name, solid.outline, solid.height_m)
         shape.meshname = name
         return
     half_m = np.array([solid.length_m, solid.width_m, solid.height_m]) / 2.0

@@ -241,7 +241,7 @@ def is_seen(solid: Solid, solids: tuple[Solid, ...], reachable: OccupancyGrid, r
 
     ``solids``: all that hides, ``solid`` among them. The surface is taken every 5 cm or less.
     """
-    points = dense_outline(solid.outline(), _STEP_M)
+    points = dense_outline(solid.outline, _STEP_M)
     away = points - (solid.pose.x, solid.pose.y)
     # off the surface, so that lines into the solid itself end at once
     points = points + 0.005 * away / lengths(away)[:, None]

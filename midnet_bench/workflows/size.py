@@ -339,7 +339,7 @@ def write(answer: Answer, arena: Arena, directory: Path) -> list[Path]:
     times_s = {team.robots: [*team.time_s.values()] for team in answer.teams}
     team = answer.smallest or answer.teams[-1]
     places = pd.DataFrame([dict(row) for row in answer.places.rows])
-    outlines = [solid.outline() for solid in (*arena.wall_solids(), *arena.placed_solids())]
+    outlines = [solid.outline for solid in (*arena.wall_solids(), *arena.placed_solids())]
     figures = {
         "probability_over_time": times_figure(
             times_s, question.within_s, question.probability, question.done

@@ -32,7 +32,7 @@ def test_a_line_of_walls_becomes_one_solid_per_piece(tmp_path) -> None:
     walls = load_arena("map1").wall_solids()
     assert len(walls) == 4
     assert all(solid.length_m == pytest.approx(6.15) and solid.width_m == 0.15 for solid in walls)
-    corners = np.vstack([solid.outline() for solid in walls])
+    corners = np.vstack([solid.outline for solid in walls])
     assert np.abs(corners).max() == pytest.approx(3.075)
 
 

@@ -29,7 +29,7 @@ def test_a_wall_segment_is_longer_by_its_thickness() -> None:
 @given(places, places, angles, sides, sides)
 def test_a_box_is_at_zero_distance_on_its_outline_and_negative_inside(x, y, yaw, length, width) -> None:
     solid = box(x, y, yaw, length, width)
-    corners = solid.outline()
+    corners = solid.outline
     middles = (corners + np.roll(corners, -1, axis=0)) / 2.0
     np.testing.assert_allclose(solid.distance_to(np.vstack((corners, middles))), 0.0, atol=1e-9)
     np.testing.assert_allclose(solid.distance_to(np.array([(x, y)])), -min(length, width) / 2.0, atol=1e-9)
@@ -38,7 +38,7 @@ def test_a_box_is_at_zero_distance_on_its_outline_and_negative_inside(x, y, yaw,
 @given(places, places, angles, sides, sides, places, places)
 def test_distance_to_a_box_is_that_to_the_nearest_of_many_points_on_it(x, y, yaw, length, width, px, py):
     solid = box(x, y, yaw, length, width)
-    corners = solid.outline()
+    corners = solid.outline
     t = np.linspace(0.0, 1.0, 2001)[:, None]
     rim = np.vstack([a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
     brute = np.hypot(rim[:, 0] - px, rim[:, 1] - py).min()
@@ -47,11 +47,11 @@ def test_distance_to_a_box_is_that_to_the_nearest_of_many_points_on_it(x, y, yaw
 
 def test_outlines_turn_to_the_left_and_a_cylinder_keeps_its_radius_on_average() -> None:
     for solid in (box(1.0, 2.0, 0.7, 0.5, 0.3), cylinder(-1.0, 3.0, 1.0)):
-        corners = solid.outline()
+        corners = solid.outline
         x, y = corners.T
         area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2.0
         assert area == pytest.approx(0.15 if solid.kind == "box" else math.pi * 0.25, rel=2e-3)
-    spread = cylinder(-1.0, 3.0, 1.0).distance_to(cylinder(-1.0, 3.0, 1.0).outline())
+    spread = cylinder(-1.0, 3.0, 1.0).distance_to(cylinder(-1.0, 3.0, 1.0).outline)
     assert 0.0 < spread.max() < 7e-4
 
 

@@ -13,7 +13,7 @@ HULL = np.array([(x, y) for x, y in BURGER.body if (abs(x), abs(y)) != (0.030, 0
 def deepest_m(layout: Layout, poses) -> float:
     """The deepest that a corner of one contour lies inside another shape, metres; 0 if none does."""
     bodies = [Pose2D(*pose).transform(HULL) for pose in np.asarray(poses).tolist() if np.isfinite(pose).all()]
-    shapes = [solid.outline() for solid in layout.solids] + bodies
+    shapes = [solid.outline for solid in layout.solids] + bodies
     centers = np.array([shape.mean(axis=0) for shape in shapes])
     radii = np.array([np.hypot(*(shape - c).T).max() for shape, c in zip(shapes, centers, strict=True)])
     deepest = 0.0

@@ -82,7 +82,7 @@ def test_nobody_walks_through_a_wall_or_through_each_other(seed: int) -> None:
         before = [member.place for member in crowd.members]
         crowd.step(NOBODY)
         walked_m += sum(math.dist(a, member.place) for a, member in zip(before, crowd.members, strict=True))
-        outlines = np.vstack([solid.outline() for member in crowd.members for solid in member.solids()])
+        outlines = np.vstack([solid.outline for member in crowd.members for solid in member.solids()])
         gap_m = min(gap_m, *(float(wall.distance_to(outlines).min()) for wall in layout.solids))
         for member in crowd.members:
             for other in crowd.members:

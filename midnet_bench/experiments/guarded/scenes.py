@@ -33,9 +33,9 @@ def scene_of(trial: GuardedArena, frame: ScoredFrame) -> Scene:
         for robot in trial.fleet.robots
         if active[robot.index]
     ]
-    others = {member.name: [one.outline() for one in member.solids()] for member in trial.crowd.members}
+    others = {member.name: [one.outline for one in member.solids()] for member in trial.crowd.members}
     outlines = {
-        f"stationary {number}": [solid.outline()] for number, solid in enumerate(trial.layout.stationary, 1)
+        f"stationary {number}": [solid.outline] for number, solid in enumerate(trial.layout.stationary, 1)
     }
     outlines |= {f"intruder {robot.number}": [robot.outline] for robot in robots if not robot.is_guard}
     outlines |= others

@@ -56,7 +56,7 @@ def sides_of(outlines: Sequence[Floats]) -> Floats:
 
 def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
     """The outlines of ``solids``, in their order."""
-    outlines = [solid.outline() for solid in solids]
+    outlines = [solid.outline for solid in solids]
     counts = [len(outline) for outline in outlines]
     sides, first = sides_of(outlines), np.cumsum([0, *counts])
     centers = np.array([solid.pose[:2] for solid in solids])
