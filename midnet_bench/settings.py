@@ -1,10 +1,9 @@
 """Settings stated once: default, range, sentence and source of an option stand at its field, on pydantic.
 
 A settings class is a frozen dataclass of :class:`Settings` in the room of the code that obeys it.
-:func:`option` makes a field that users set, :func:`fixed` one that nobody sets, :func:`inner` one that code
-sets. An experiment nests such
-classes by :func:`group`. The options of that tree have flat keys, such as ``thresh_local``: what a campaign
-file, ``--set`` and a trial's parameters hold.
+:func:`option` makes a field that users set, :func:`fixed` one that they do not, :func:`inner` one that code
+sets. An experiment nests such classes by :func:`group`. The options of that tree have flat keys, such as
+``thresh_local``: what a campaign file, ``--set`` and a trial's parameters hold.
 """
 
 import functools
