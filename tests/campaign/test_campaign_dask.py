@@ -22,6 +22,7 @@ from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
 from tests.campaign import dice
 from tests.campaign.campaign_process import environment, exported, finish, start, wait_for
+from tests.cli.command import in_its_own_process, worked
 
 distributed = pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
 
@@ -95,13 +96,13 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-@pytest.fixture
-def two_mended_workers(tmp_path: Path) -> Iterator[str]:
+@pytest.fixture(scope="module")
+def two_mended_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a scheduler with two workers, each of which is started again when it dies."""
-    two = ("--nthreads", "1", "--nworkers", "2")
+    two, folder = ("--nthreads", "1", "--nworkers", "2"), tmp_path_factory.mktemp("mended")
     with (
-        scheduler_in(tmp_path) as address,
-        process_of(serve("distributed.cli.dask_worker", *HERE, *two, folder=tmp_path)),
+        scheduler_in(folder) as address,
+        process_of(serve("distributed.cli.dask_worker", *HERE, *two, folder=folder)),
     ):
         yield address
 
@@ -124,13 +125,10 @@ def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, schedule
 def test_without_an_address_a_cluster_of_this_machine_is_started_and_ended(tmp_path: Path) -> None:
     pytest.importorskip("dask")
     there, here = tmp_path / "there", tmp_path / "here"
-    command = ("detection", "--engine", "fast", "--frames", "3", "--robots", "1,2", "-q")
-    for folder, more in ((there, ("--backend", "dask", "--jobs", "2")), (here, ())):
-        done = subprocess.run(
-            [sys.executable, "-m", "midnet_bench", *command, *more, "-o", folder],
-            env=environment(), capture_output=True, text=True, timeout=120,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
+    command = ("detection", "--engine", "fast", "--frames", "3", "--robots", "1,2", "--seeds", "1", "-q")
+    cluster = in_its_own_process(*command, "--backend", "dask", "--jobs", 2, "-o", there, folder=tmp_path)
+    assert cluster.returncode == 0, cluster.stderr
+    worked(*command, "--jobs", 1, "-o", here, folder=tmp_path)
     assert (there / "scores.csv").read_bytes() == (here / "scores.csv").read_bytes()
     listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
     assert str(there) not in listed
