@@ -98,7 +98,7 @@ def _run(file: Path, chosen: options.Campaign) -> None:
         return
     small = recorded_if_small(resolved)
     outcome = run_resolved(small, directory, compiling, progress=CampaignProgress(), **given)
-    _present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
+    present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:
         _log_page(directory)
     if outcome.failed:
@@ -161,14 +161,14 @@ def report(
         for file in plot(directory, output, x, y, wanted):
             typer.echo(file)
         return
-    if not _present(directory, as_json, wide=wide):
+    if not present(directory, as_json, wide=wide):
         hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
         raise InputError(f"{directory}: no finished trial yet{hint}")
     if not as_json:
         _log_page(directory)
 
 
-def _present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
+def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
     """Write a campaign's CSV files, tables and figures, and print the result; whether any trial finished.
 
     Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.

@@ -1,6 +1,7 @@
 """``Detector``: what makes boxes in the place of sections IV.A and IV.B; and three to compare MIDNet with."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -43,7 +44,7 @@ class Detector(Protocol):
 
 
 @dataclass(eq=False)
-class _ScanDetector:
+class _ScanDetector(ABC):
     """A detector that looks at each robot's last scan alone."""
 
     prior_map: OccupancyGrid
@@ -62,8 +63,9 @@ class _ScanDetector:
         found = [[] if one.scan is None else self._boxes(robot, one.scan) for robot, one in enumerate(team)]
         return [np.array(boxes, dtype=np.float64).reshape(-1, 4) for boxes in found]
 
+    @abstractmethod
     def _boxes(self, robot: int, scan: Scan) -> Sequence[Sequence[float]]:
-        raise NotImplementedError
+        """Boxes of the scan of the robot of this number in the team: x_min, y_min, x_max, y_max, metres."""
 
 
 @dataclass(eq=False)

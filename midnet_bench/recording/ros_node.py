@@ -89,7 +89,7 @@ def node_of(ros: str, remappings: Sequence[str]) -> "Rospy | Rclpy | Dds":
     return Rclpy(rclpy, remappings)
 
 
-class _Heard:
+class _Middleware:
     """Messages that wait to be taken, and the types that they have."""
 
     def __init__(self, ros: Literal[1, 2]) -> None:
@@ -123,7 +123,7 @@ def rospy_module() -> Any:
     return rospy_module()
 
 
-class Rospy(_Heard):
+class Rospy(_Middleware):
     """A node of ROS 1."""
 
     def __init__(self, remappings: Sequence[str]) -> None:
@@ -166,7 +166,7 @@ class Rospy(_Heard):
         (self._rospy.logwarn if is_warning else self._rospy.loginfo)(line)
 
 
-class Rclpy(_Heard):
+class Rclpy(_Middleware):
     """A node on rclpy, which takes and gives bytes that are packed already."""
 
     def __init__(self, rclpy: Any, remappings: Sequence[str]) -> None:
@@ -211,7 +211,7 @@ class Rclpy(_Heard):
             self._node.get_logger().info(line)
 
 
-class Dds(_Heard):
+class Dds(_Middleware):
     """A participant of ROS 2's network that needs no ROS 2."""
 
     def __init__(self, remappings: Sequence[str]) -> None:

@@ -248,8 +248,11 @@ class CauseCounter:
             in_window: for each truth, whether some part of it lies in some guard's local costmap.
             opposite: MIDNet's boxes if the robots come in opposite order; None in frames that skip this.
         """
-        before, each = self._before, zip(truths, in_range, in_window, strict=True)
-        self._before = {truth.name: (truth.box, near, near and inside) for truth, near, inside in each}
+        before = self._before
+        self._before = {
+            truth.name: (truth.box, near, near and inside)
+            for truth, near, inside in zip(truths, in_range, in_window, strict=True)
+        }
         found = {index for indices in touched for index in indices}
         missed = [index for index, counts in enumerate(in_range) if counts and index not in found]
         seen = in_sight() if missed else ()

@@ -42,7 +42,7 @@ def test_the_tables_of_a_single_trial_need_no_statistics_and_no_plotting(tmp_pat
     labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: k, seeds=1, grid=grid).close()
     found = loaded(
         "from pathlib import Path\n"
-        "from midnet_bench.cli.campaigns import _present as present\n"
+        "from midnet_bench.cli.campaigns import present\n"
         "assert present(Path(sys.argv[1]), False, drawn_from=2)",
         tmp_path,
     )

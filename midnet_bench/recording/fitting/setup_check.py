@@ -38,8 +38,15 @@ LONGEST_LINE = 300
 UNSEEN = 0.01  # A direction that no larger share of the returns constrains: beside a wall, at rest.
 ALIKE = 0.02
 """Of two changes that differ in no more of what they do to the returns, neither can be preferred."""
-PARAMETERS = {"mount x": 1.0, "mount y": 1.0, "mount yaw": 0.5, "scan delay": 0.5}
-PARAMETERS |= {"map x": 1.0, "map y": 1.0, "map yaw": 0.5}
+PARAMETERS = {
+    "mount x": 1.0,
+    "mount y": 1.0,
+    "mount yaw": 0.5,
+    "scan delay": 0.5,
+    "map x": 1.0,
+    "map y": 1.0,
+    "map yaw": 0.5,
+}
 """the first values of a setup, and how far the interval of each is followed: metres, radians, seconds"""
 APART_M, APART_RAD = 1.0, math.radians(20.0)  # Two places that differ by less are one.
 

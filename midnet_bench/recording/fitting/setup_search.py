@@ -115,7 +115,7 @@ class Search:
         return points.view(np.float64).reshape(-1, 2)
 
     def _placed(self, values: Floats, is_mirrored: bool) -> tuple[Points, Points, Points]:
-        """Where the returns lie, map frame; the headings of their robots; how they lie from the sensor."""
+        """(n,) each, as x + iy: the returns, metres, map frame; their robots' headings; LiDAR to return."""
         x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
         at = (delay_s - self._delays_s[0]) / DELAY_STEP_S
         first = min(max(math.floor(at), 0), len(self._delays_s) - 2)
@@ -174,9 +174,8 @@ class Search:
         distances_m, slopes = self.walls.read(points.view(np.float64).reshape(-1, 2))
         squared = 1.0 + np.square(distances_m / scale_m)
         against = np.conj(slopes) / (scale_m * squared * np.sqrt(squared))
-        later = (
-            self._placed(values + 1e-3 * (np.arange(8) == DELAY), is_mirrored)[0] if 3 in chosen else points
-        )
+        delayed = values + 1e-3 * (np.arange(8) == DELAY)
+        later = self._placed(delayed, is_mirrored)[0] if 3 in chosen else points
         late, turned = (later - points) * 1e3, 1j * (points - self._middle - complex(*values[4:6]))
         ways = headings, 1j * headings, 1j * from_sensor, late, 1.0, 1j, turned, from_sensor / values[7]
         # the real part of conj(slope) * way is the scalar product of the two
