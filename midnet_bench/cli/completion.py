@@ -36,7 +36,7 @@ def arenas(incomplete: str) -> list[str]:
 
 def results(incomplete: str) -> list[str]:
     """Folders with a campaign's results: those in ``results/``, and any whose path begins so."""
-    usual = [str(folder) for folder in sorted(Path("results").glob("*")) if _has_results(folder)]
+    usual = [str(folder) for folder in sorted(Path("results").glob("*")) if has_results(folder)]
     return list(dict.fromkeys([*_beginning(incomplete, usual), *_paths(incomplete, "")]))
 
 
@@ -63,7 +63,8 @@ def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
     return [name for name in dict.fromkeys(names) if name.startswith(incomplete)]
 
 
-def _has_results(folder: Path) -> bool:
+def has_results(folder: Path) -> bool:
+    """Whether a campaign's results are in it."""
     return any((folder / name).is_file() for name in ("campaign.sqlite", "configuration.json"))
 
 
@@ -78,6 +79,6 @@ def _paths(incomplete: str, suffix: str) -> Iterator[str]:
         if not path.name.startswith(beginning):
             continue
         if path.is_dir():
-            yield str(path) if suffix == "" and _has_results(path) else f"{path}/"
+            yield str(path) if suffix == "" and has_results(path) else f"{path}/"
         elif suffix and path.name.endswith(suffix):
             yield str(path)

@@ -158,7 +158,8 @@ def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
     """The same. Raises InputError, with a hint, if one is no folder."""
     for each in directories if isinstance(directories, list) else [directories]:
         if each.is_file():
-            raise InputError(f"{each}: this is a file; give the campaign's folder, {each.parent}")
+            folder = each.parent if completion.has_results(each.parent) else "such as results/labyrinth"
+            raise InputError(f"{each}: this is a file; give a campaign's folder, {folder}")
         if not each.is_dir():
             raise InputError(f"{each}: there is no such folder; give a campaign's, such as results/labyrinth")
     return directories
