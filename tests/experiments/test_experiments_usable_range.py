@@ -22,11 +22,11 @@ def hall(folder: Path, gap_m: float, rule: str = "edge") -> str:
         "y_m": 0.0,
         "size_m": [SIDE_M, SIDE_M],
     }
-    corners = [[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -5]]
+    corners = [[-4, -1.5], [4, -1.5], [4, 1.5], [-4, 1.5], [-4, -1.5]]
     arena = {
         "name": "hall",
-        "plane_m": [12.0, 12.0],
-        "enclosure_m": [10.0, 10.0],
+        "plane_m": [9.0, 4.0],
+        "enclosure_m": [8.0, 3.0],
         "wall_thickness_m": 0.15,
         "wall_height_m": 0.5,
         "walls": [corners],
