@@ -90,10 +90,10 @@ sys.exit(main())
 @pytest.mark.parametrize(
     "command",
     [
-        "detection --engine fast --frames 5 --robots 2 --seeds 1 --jobs 1 --metric ospa "
-        "--detector midnet,clusters,subtraction,background --fusion paper,tracks --record",
-        "labyrinth --engine fast --seeds 1 --jobs 1 --robots 2 --intruders 1 --set time_limit_s=4",
-        "map map2 --engine fast --robots 2 --set time_limit_s=4",
+        "detection --engine fast --frames 2 --robots 2 --seeds 1 --jobs 1 --metric ospa "
+        "--detector clusters,subtraction,background --fusion paper,tracks --record",
+        "labyrinth --engine fast --seeds 1 --jobs 1 --robots 2 --intruders 1 --set time_limit_s=1",
+        "map map2 --engine fast --robots 2 --set time_limit_s=1 --no-clip",
     ],
 )
 def test_no_float_is_added_by_sum_in_a_trial_and_its_tables(command: str, tmp_path: Path) -> None:

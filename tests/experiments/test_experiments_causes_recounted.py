@@ -23,7 +23,7 @@ from midnet_bench.geometry import Solid
 pytestmark = pytest.mark.slow
 
 Floats = npt.NDArray[np.float64]
-FRAMES, FRAME_S = 400, 0.2
+FRAMES, FRAME_S = 200, 0.2
 LIDAR_BACK_M, RADIUS_M = 0.032, 0.055
 """a Burger's LiDAR behind its axle, and the radius of what other LiDARs see of it"""
 RANGE_M, WINDOW_M, CELL_M, REACH_M = 2.5, 3.0, 0.05, 0.105
@@ -271,7 +271,7 @@ def test_what_rays_say_of_misses_is_their_cause() -> None:
     told = told_by_rays(11, 1) + told_by_rays(12, 5)
     for what in ("hidden", "outside"):
         right, wrong = told[what, True], told[what, False]
-        assert right > 5 * ENOUGH
+        assert right > 2 * ENOUGH
         assert right >= AGREE * (right + wrong)
 
 

@@ -106,7 +106,7 @@ def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
     assert in_range(truth_box="inflated") == in_range()
 
 
-@pytest.mark.parametrize("frames", [200, pytest.param(1999, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("frames", [100, pytest.param(600, marks=pytest.mark.slow)])
 def test_an_arena_without_intruders_has_no_detection(frames: int) -> None:
     scores = detection(arena="empty", robots=1, frames=frames).tables["scores"][0]
     assert scores["tp"] == scores["fp"] == scores["fn"] == 0
@@ -116,7 +116,7 @@ def test_an_arena_without_intruders_has_no_detection(frames: int) -> None:
 @pytest.mark.slow
 def test_guards_alone_leave_ghosts_of_each_other_where_marks_are_kept() -> None:
     # costmap_2d keeps what an ally leaves behind until a beam passes; the large square removes the allies
-    team = {"seed": 4, "arena": "empty", "robots": 5, "frames": 200, "ally_diameter_m": 0.42}
+    team = {"seed": 4, "arena": "empty", "robots": 5, "frames": 80, "ally_diameter_m": 0.42}
     kept = detection(**team).tables["scores"][0]
     forgotten = detection(**team, local_map="single_scan").tables["scores"][0]
     assert forgotten["fp"] <= 2 < kept["fp"] <= 40

@@ -18,10 +18,10 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.mark.slow
-def test_100_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
+def test_40_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
     # in its own process: a fork of one with threads, as pytest's workers have, may wait for a lock for ever
     done = subprocess.run(
-        [sys.executable, "-m", "tests.fuzz", "--cases", "100", "--seed", "1"],
+        [sys.executable, "-m", "tests.fuzz", "--cases", "40", "--seed", "1"],
         cwd=REPOSITORY,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         capture_output=True,
@@ -31,8 +31,8 @@ def test_100_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     (line,) = (line for line in done.stdout.splitlines() if line.startswith("all "))
     cases, succeeded, refused, finds = map(int, line.split()[1:])
-    assert (cases, finds) == (100, 0)
-    assert min(succeeded, refused) > 15, "what is never taken, or never refused, tests nothing"
+    assert (cases, finds) == (40, 0)
+    assert min(succeeded, refused) > 5, "what is never taken, or never refused, tests nothing"
 
 
 def found(call: Callable[[], object], folder: Path, *named: Path) -> str:

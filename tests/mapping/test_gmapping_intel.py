@@ -35,7 +35,7 @@ def test_the_first_150_scans_are_mapped_as_well_as_by_gmapping(tmp_path: Path) -
     assert by_wheels.relations == 463
     assert by_wheels.mean_m == pytest.approx(3.2, abs=0.05)
 
-    result = map_scans(log, particles=30, seed=0)
+    result = map_scans(log, particles=10, seed=0)
     mapped = relations_error(relations, result.trajectory, odometry)
     assert mapped.relations >= 455
     assert mapped.mean_m < 0.045

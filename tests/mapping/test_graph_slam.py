@@ -172,16 +172,16 @@ def test_scans_that_see_nothing_follow_the_wheels() -> None:
     not (INTEL / "intel_scans.txt.gz").exists(),
     reason="the Intel Research Lab log is not beside the checkout",
 )
-def test_the_first_400_scans_of_a_real_log_with_slips_are_mapped_as_well_as_without(tmp_path: Path) -> None:
+def test_the_first_200_scans_of_a_real_log_with_slips_are_mapped_as_well_as_without(tmp_path: Path) -> None:
     lines = gzip.decompress((INTEL / "intel_scans.txt.gz").read_bytes()).decode().splitlines()
     path = tmp_path / "part.txt"
-    path.write_text("\n".join(lines[:401]), encoding="utf-8")
+    path.write_text("\n".join(lines[:201]), encoding="utf-8")
     relations = read_relations(INTEL / "intel.relations")
     log, odometry = read_scan_log(path), read_dense_odometry(INTEL / "intel_odom_dense.txt.gz")
     as_it_is = relations_error(relations, map_scans(log).trajectory, odometry)
     for place, slip in drawn_slips(len(log), 11):
         log, odometry = with_slip(log, odometry, place, slip)
     slipped = relations_error(relations, map_scans(log).trajectory, odometry)
-    assert as_it_is.relations > 1000
+    assert as_it_is.relations > 700
     assert as_it_is.mean_m < 0.06
     assert slipped.mean_m == pytest.approx(as_it_is.mean_m, abs=0.01)
