@@ -8,11 +8,8 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.campaign.definition import Campaign, resolve
-from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
@@ -22,6 +19,7 @@ from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.experiments.registry import names, parameters_model
 from midnet_bench.settings import all_values, leaves
 from midnet_bench.workflows.readings import READINGS, readings_of
+from tests.conftest import campaign_folder
 
 
 @pytest.mark.parametrize("experiment", names())
@@ -174,14 +172,13 @@ def test_a_preset_is_a_set_of_defaults_beside_which_what_is_given_comes_first() 
 
 
 def test_a_preset_s_campaign_runs_in_a_grid(tmp_path: Path) -> None:
-    campaign = Campaign(
-        name="presets",
+    folder = campaign_folder(
+        tmp_path / "presets",
         experiment="detection",
         grid={"preset": ["paper", "best"]},
         parameters={"robots": 1, "frames": 3, "engine": "fast"},
     )
-    run_campaign(resolve(campaign, registry), tmp_path, jobs=1)
-    scores = load_results(tmp_path).table("scores")
+    scores = load_results(folder).table("scores")
     assert scores["preset"].tolist() == ["paper", "best"]
 
 

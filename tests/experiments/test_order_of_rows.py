@@ -51,7 +51,7 @@ IN_ORDER = made(None)
 
 
 @pytest.mark.slow
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.integers(0, 2**32 - 1))
 def test_tables_are_the_same_to_the_byte_in_any_order_of_rows(seed: int) -> None:
     shuffled = made(seed)
