@@ -126,7 +126,7 @@ def sample_at(number, pose, ranges_m, lidar):
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     side_m=st.floats(5.0, 100.0),
     x=st.floats(-1.5, 1.5),

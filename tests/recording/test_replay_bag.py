@@ -47,12 +47,17 @@ def boxes_of(message: object) -> list[tuple[float, ...]]:
     return found
 
 
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    bag = tmp_path_factory.mktemp("trial") / "trial.mcap"
+    export_trial("detection", {"robots": 3, "frames": 10, "engine": "fast"}, 3, bag)
+    return bag
+
+
 @pytest.mark.parametrize(
     "name", ["out.mcap", *(pytest.param(name, marks=pytest.mark.slow) for name in ("out.bag", "out"))]
 )
-def test_boxes_of_a_trial_go_round(name: str, tmp_path: Path) -> None:
-    trial = tmp_path / "trial.mcap"
-    export_trial("detection", {"robots": 3, "frames": 10, "engine": "fast"}, 3, trial)
+def test_boxes_of_a_trial_go_round(name: str, trial: Path, tmp_path: Path) -> None:
     done = midnet_bench("replay", trial, "--bag", tmp_path / name, "-o", "out_", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     scores = rows(tmp_path / "out_" / "recording_scores.csv")
