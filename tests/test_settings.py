@@ -194,7 +194,7 @@ CHANGES = st.fixed_dictionaries(
         "rear_tyre": st.sampled_from(["solid", "air"]),
         "rear_pressure_bar": st.none() | st.floats(0, 10),
         "rear_is_spare": st.booleans(),
-        "rear_wheel_maker": st.text("aé \n\"="),
+        "rear_wheel_maker": st.text('aé \n"='),
     },
 )
 
