@@ -12,14 +12,13 @@ has, are first reduced by the float next to a whole turn. Compiled loops and Pyt
 """
 
 import math
-from functools import partial
 from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.compiled import before_first_loop, folder, njit
+from midnet_bench.compiled import njit
 
 Floats = npt.NDArray[np.float64]
 
@@ -70,31 +69,25 @@ _POWERS = np.array([_split((_ROOT**k << _PLACES) >> _PLACES * k, 52) for k in ra
 
 
 @njit
-def sin(angle_rad: float) -> float:
-    """The sine of an angle."""
-    if abs(angle_rad) < 1e-8:
-        return angle_rad
-    quarters, rest, rest_2 = _reduced(angle_rad)
-    value = _cos(rest, rest_2) if quarters & 1 else _sin(rest, rest_2)
-    return -value if quarters & 2 else value
-
-
-@njit
-def cos(angle_rad: float) -> float:
-    """The cosine of an angle."""
-    quarters, rest, rest_2 = _reduced(angle_rad)
-    value = _sin(rest, rest_2) if quarters & 1 else _cos(rest, rest_2)
-    return -value if (quarters + 1) & 2 else value
-
-
-@njit
 def cos_sin(angle_rad: float) -> tuple[float, float]:
-    """What ``cos`` and ``sin`` give, to the bit, in less time than both take: the direction's x and y."""
+    """The cosine and the sine of an angle: the direction's x and y."""
     quarters, rest, rest_2 = _reduced(angle_rad)
     c, s = _cos(rest, rest_2), angle_rad if abs(angle_rad) < 1e-8 else _sin(rest, rest_2)
     if quarters & 1:
         c, s = -s, c
     return (-c, -s) if quarters & 2 else (c, s)
+
+
+@njit
+def cos(angle_rad: float) -> float:
+    """The cosine of an angle."""
+    return cos_sin(angle_rad)[0]
+
+
+@njit
+def sin(angle_rad: float) -> float:
+    """The sine of an angle."""
+    return cos_sin(angle_rad)[1]
 
 
 @njit
@@ -115,11 +108,11 @@ def _reduced(angle_rad: float) -> tuple[int, float, float]:
         if not math.isfinite(angle_rad):
             return 0, math.nan, math.nan
         angle_rad = float(np.fmod(angle_rad, 2.0 * math.pi))
-    count = np.floor(angle_rad * _2_PER_PI + 0.5)
+    count = math.floor(angle_rad * _2_PER_PI + 0.5)
     rest, rest_2 = _sum(angle_rad - count * _HALF_PI_1, -count * _HALF_PI_2)
     rest, rest_3 = _sum(rest, -count * _HALF_PI_3)
     rest, rest_2 = _sum(rest, rest_2 + rest_3 - count * _HALF_PI_4)
-    return int(count), rest, rest_2
+    return count, rest, rest_2
 
 
 @njit
@@ -179,11 +172,11 @@ def exp(x: float) -> float:
     """The number e to the power of x; infinity beyond the greatest float."""
     if not abs(x) < 746.0:
         return math.inf if x > 0.0 else 0.0 if x < 0.0 else x
-    count = np.floor(x * _PER_STEP + 0.5)
+    count = math.floor(x * _PER_STEP + 0.5)
     first, second = x - count * _STEP_1, count * _STEP_2
     r = first - second
     r_2 = (first - r) - second
-    doublings, step = int(count) >> 5, int(count) & 31
+    doublings, step = count >> 5, count & 31
     series = 1.0 / 2.0 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (1.0 / 720.0))))
     power, power_2 = _POWERS[step, 0], _POWERS[step, 1]
     value = power + (power_2 + power * (r + (r * r * series + r_2)))
@@ -226,7 +219,7 @@ def hypot(x: float, y: float) -> float:
 
 
 def _interpreted() -> SimpleNamespace:
-    """What is above as Python runs it."""
+    """What is above, uncompiled."""
     functions: dict[str, Any] = dict(globals())
     for name, value in globals().items():
         if hasattr(value, "py_func"):
@@ -235,10 +228,4 @@ def _interpreted() -> SimpleNamespace:
 
 
 from_python = _interpreted()
-"""these functions for calls from Python: compiled once this process has a loop, before that interpreted
-
-Both give the same bits; numba takes half a second for a process's first loop, which a report needs not.
-"""
-before_first_loop.append(partial(vars(from_python).update, globals()))
-if folder() is None:  # every process compiles or interprets
-    vars(from_python).update(globals())
+"""these functions as Python runs them, with the same bits: numba takes half a second for its first loop"""

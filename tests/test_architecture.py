@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import midnet_bench
+from midnet_bench.compiled import WITHOUT_LOOPS
 from tests.rooms import allowed, lines
 
 PACKAGE = Path(midnet_bench.__file__).parent
@@ -121,15 +122,28 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         pytest.fail(" <- ".join(error.args[1]))
 
 
+def reached_from(modules: set[str]) -> set[str]:
+    """``modules`` and all of ours that they import, also by way of others."""
+    reached: set[str] = set()
+    while modules:
+        reached |= modules
+        ours = {module for name in modules for module in imports()[name] if module in SOURCES}
+        modules = ours - reached - ABOVE_ALL
+    return reached
+
+
 @pytest.mark.parametrize("room", ["detectors", "recording"])
 def test_what_works_on_recordings_needs_no_simulator(room: str) -> None:
     """Not by way of other rooms either."""
-    needed, new = set(), {name for name in SOURCES if name not in ABOVE_ALL and room_of(name) == room}
-    while new:
-        needed |= new
-        ours = {module for name in new for module in imports()[name] if module in SOURCES}
-        new = ours - needed - ABOVE_ALL
-    assert not {name for name in needed if room_of(name) in {"simulation", "agents", "arena"}}
+    reached = reached_from({name for name in SOURCES if name not in ABOVE_ALL and room_of(name) == room})
+    assert not {name for name in reached if room_of(name) in {"simulation", "agents", "arena"}}
+
+
+def test_machine_code_is_anew_after_a_change_of_any_module_that_loops_use() -> None:
+    with_loops = {name for name, path in SOURCES.items() if "njit" in path.read_text(encoding="utf-8")}
+    others = {name for name in reached_from(with_loops) - with_loops if room_of(name) in WITHOUT_LOOPS}
+    # the module of the ray counts takes a limit from it, its loop does not
+    assert others == {"midnet_bench.recording.files.readings"}
 
 
 def test_libraries_stay_where_they_belong() -> None:

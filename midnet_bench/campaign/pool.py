@@ -255,7 +255,7 @@ class LokyPool:
             for group in groups:
                 yield from attempt(run_trials, group, limit_s)
             return
-        compiled.prepare_folder()  # before the workers start, so that they share it
+        compiled.folder()  # before the workers start, so that they share it
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         try:
             self._marks.mkdir(parents=True)

@@ -196,16 +196,18 @@ def compile_ahead(campaign: ResolvedCampaign, show: Show = lambda done, total: N
         show: called before the first loop is compiled and after each; never where all are there.
     """
     name = campaign.definition.experiment
-    if name not in SHORT or compiled.folder() is None:
+    folder = compiled.folder()
+    if name not in SHORT or folder is None:
         return
     wanted = {tuple((key, cell[key]) for key in DECIDING if key in cell): cell for cell in campaign.cells}
     for chosen in wanted:
         key = "-".join([name, *(str(value).partition(":")[0].replace("/", "_") for _, value in chosen)])
-        if compiled.is_compiled(key):
+        is_done = folder / f"{key}.compiled"
+        if is_done.exists():
             continue
         with _counted(show), contextlib.suppress(Exception):
             _run_short(name, **dict(chosen))
-            compiled.note_compiled(key)
+            is_done.touch()
 
 
 def compile_kernels() -> None:
