@@ -70,6 +70,6 @@ clean:
 	this is Python %d.%d. Install 3.11, or name it: make PYTHON=/path/to/python3.11" % v)'
 	@echo "setting up .venv (a few minutes: loops are compiled once) ..."
 	@$(PYTHON) -m venv .venv
-	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@$(BIN)/python -m pip install --quiet --no-compile --editable '.[dev]'
 	@$(BIN)/python -c 'from midnet_bench.workflows.campaigns import compile_kernels; compile_kernels()'
 	@touch $@
