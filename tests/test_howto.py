@@ -14,9 +14,9 @@ import pytest
 from tests.cli.command import midnet_bench
 
 SHORT = {
-    "run rivals": ["--seeds", "2", "--frames", "5", "--engine", "fast", "--robots", "2"],
-    "detection": ["--seeds", "1", "--frames", "5", "--engine", "fast", "--robots", "2"],
-    "size": ["--within", "2", "--trials", "40"],
+    "run rivals": ["--seeds", "2", "--frames", "3", "--engine", "fast", "--robots", "2"],
+    "detection": ["--seeds", "1", "--frames", "3", "--engine", "fast", "--robots", "2"],
+    "size": ["--within", "10", "--probability", "0.02", "--trials", "40"],
 }
 """what makes a command short; whether it runs is the question, not what comes of it"""
 PAGES = sorted((Path(__file__).parents[1] / "docs" / "howto").glob("*.md"))
@@ -41,15 +41,15 @@ def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
             continue
         for line in shown[2].splitlines():
             # whether it runs, not what comes of it
-            line = re.sub(r"--frames \d+", "--frames 5", line)
+            line = re.sub(r"--frames \d+", "--frames 3", line)
             words = shlex.split(line)
             if words[0] == "python":
                 subprocess.run([sys.executable, *words[1:]], cwd=tmp_path, check=True)
                 continue
             assert words[0] == "midnet-bench"
             words += SHORT["size"] if words[1] == "size" else []
-            if words[1] == "labyrinth" and "time_limit_s" not in line:
-                words += ["--set", "time_limit_s=4"]
+            if words[1] in ("labyrinth", "map") and not re.search("time_limit_s|--exact|--from", line):
+                words += ["--set", "time_limit_s=2"]
             done = midnet_bench(*words[1:], folder=tmp_path)
             assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
             commands += 1
