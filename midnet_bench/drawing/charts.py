@@ -317,13 +317,16 @@ def chart_files(figure: Figure, formats: Sequence[str] = FORMATS) -> dict[str, b
     if unknown := [one for one in formats if one not in METADATA]:
         raise InputError(f"figure format '{unknown[0]}': use {', '.join(METADATA)}")
     files = {}
+    # laid out once for all formats, which takes as long as to draw
+    figure.set_dpi(DPI)
+    figure.draw_without_rendering()
+    figure.set_layout_engine(None)
     # without a salt the ids in an SVG are random; type 42 keeps a PDF's text selectable
     with rc_context({"svg.hashsalt": "midnet-bench", "pdf.fonttype": 42}):
         for name in formats:
             buffer = io.BytesIO()
             figure.savefig(buffer, format=name, dpi=DPI, metadata=METADATA[name])
             files[f".{name}"] = buffer.getvalue()
-            figure.set_layout_engine("none")  # the first file's is the others' too: it takes as long as to draw
     return files
 
 
