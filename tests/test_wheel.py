@@ -65,7 +65,7 @@ def test_every_campaign_is_there(installed: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "detection --frames 5 --robots 1",
+        "detection --frames 2 --robots 1",
         "labyrinth --trials 1 --robots 1 --intruders 1 --set time_limit_s=2",
         "run readings -n",
         "parameters labyrinth",
