@@ -27,7 +27,7 @@ MOVED = {
     "ros1-node": "node --ros 1",
 }
 """command of an earlier version -> what does it now"""
-MOVED_OPTIONS = {"--robot": "--robot-model"}
+MOVED_OPTIONS = {"--robot": "--robot-model", "--place": "--start found"}
 GROUPS = {
     "What runs": "seeds seed robots intruders frames arena preset map_file settings record",
     "What is swapped in": "engine robot_model detector fusion patrol pursuit metric",

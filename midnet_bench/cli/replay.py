@@ -22,7 +22,8 @@ def key_of(option: str) -> str | None:
     """The key of setup.yaml that an option of an earlier version became; None of any other option."""
     from midnet_bench.recording.setup import RecordingSetup
 
-    start = {"--scan-delay": "delay_s", "--ally": "allies"}.get(option, option[2:].replace("-", "_"))
+    named = {"--scan-delay": "delay_s", "--ally": "allies", "--to": "to_s"}
+    start = named.get(option, option[2:].replace("-", "_"))
     keys = (key for key in RecordingSetup.model_fields if len(start) > 3 and key.startswith(start))
     return next(keys, None)
 
@@ -35,10 +36,7 @@ class ReplayOptions:
         setup FILE: Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it.
         map --map FILE|TOPIC: Prior map: a map_server YAML, or a topic.
         pose [NAME=]TOPIC: Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest.
-        start [NAME=]X,Y,YAW_DEG: Where the robot began on the map, if its poses are by odometry.
-        place: Find where the robot began, if its poses are by odometry.
-        from_s --from S: Use scans from S seconds on.
-        to_s --to S: Use scans up to S seconds.
+        start [NAME=]PLACE: Where odometry begins on the map: X,Y,YAW_DEG, or found: the map is searched.
         truth FILE|NAME=TOPIC: Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder.
         preset: Detector options for real robots, the paper's, or both (default).
         check --check: Only check that scans, poses and map fit; write a corrected setup.yaml.
@@ -52,9 +50,6 @@ class ReplayOptions:
     map: str | None = None
     pose: list[str] | None = None
     start: list[str] | None = None
-    place: Literal["found"] | None = None
-    from_s: float | None = None
-    to_s: float | None = None
     truth: list[str] | None = None
     preset: Literal["real", "paper", "both"] | None = None
     settings: options.Settings = None
@@ -69,30 +64,31 @@ class ReplayOptions:
     def chosen(self) -> "RecordingSetup":
         """The setup of the file, changed by the options. Raises InputError: file, key and what is wrong."""
         from midnet_bench.campaign.definition import parse_settings
-        from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup, by_name, mount_of
+        from midnet_bench.recording.setup import FOUND, RecordingSetup, by_name, mount_of
 
-        if self.place and self.start:
-            raise InputError("--start and --place: give one of the two")
         chosen = RecordingSetup() if self.setup is None else RecordingSetup.load(self.setup)
         named = {key: by_name(getattr(self, key), f"--{key}") for key in ("pose", "truth", "start")}
-        starts = {name: mount_of(text, "--start") for name, text in named["start"].items()}
+        starts: dict[str, Any] = {**named["start"]}
+        for name, text in named["start"].items():
+            if text != FOUND:
+                at = mount_of(text, "--start")
+                starts[name] = [at.x, at.y, math.degrees(at.yaw)]
         given: dict[str, Any] = {
-            **{key: getattr(self, key) for key in ("map", "from_s", "to_s", "preset")},
+            **{"map": self.map, "preset": self.preset},
             **named,
-            "start": {name: [at.x, at.y, math.degrees(at.yaw)] for name, at in starts.items()},
+            "start": starts,
             "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
         }
-        if self.place:
-            given["start"] = {EVERY: FOUND}
         changes = {key: value for key, value in given.items() if value}
         return chosen.changed(changes if self.map is None else {**changes, "background": None})
 
     @contextmanager
     def naming_options(self) -> Iterator[None]:
-        """Errors in the block that begin with a key name the option by which its value was typed."""
-        typed = {key: f"--{key}" for key in ("map", "pose", "start", "truth") if getattr(self, key)}
-        typed |= {"start": "--place"} if self.place else {}
-        typed |= {"from_s": "--from", "to_s": "--to"}
+        """Errors in the block that begin with a key name where its value was typed: an option or the file."""
+        from midnet_bench.recording.setup import RecordingSetup
+
+        typed = {key: f"{self.setup}: {key}" for key in RecordingSetup.model_fields if self.setup}
+        typed |= {key: f"--{key}" for key in ("map", "pose", "start", "truth") if getattr(self, key)}
         try:
             yield
         except InputError as error:

@@ -176,7 +176,7 @@ def proposal(files: Sequence[Path], recorded: Recorded) -> list[str]:
             continue
         lines.append(f"{robot.pose_key} is taken for the pose of {robot.name}; is it, on the map?")
         if stream.topic.type == "nav_msgs/msg/Odometry" and stream.poses[0].frame != "map":
-            words += ["--place found"] * ("--place found" not in words)
+            words += ["--start found"] * ("--start found" not in words)
     grids = _grids(recorded)
     if not grids:
         made = f"results/map-{recorded.names[0]}"

@@ -253,7 +253,7 @@ def _all_lasers(recorded: Recorded, setup: RecordingSetup) -> list[_Laser]:
     paths = ", ".join(look.source.path for look in recorded.surveys)
     if setup.from_s or setup.to_s:
         upto = "the end" if setup.to_s is None else f"{setup.to_s:g} s"
-        raise InputError(f"{paths}: no scan from {setup.from_s:g} s to {upto}; change --from or --to")
+        raise InputError(f"{paths}: no scan from {setup.from_s:g} s to {upto}; change from_s or to_s")
     if any(look.of_kind(SCAN) for look in recorded.surveys):
         raise InputError(
             f"{paths}: no scan: each scan of it has no range at all; give a recording with ranges"
@@ -342,7 +342,7 @@ def _missing_link(look: Survey, laser: str, map_frame: str, name: str) -> str:
     line += f"tf does not lead from '{map_frame}' to '{laser}': "
     if map_frame not in look.parents().values():
         line += f"no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'"
-        return f"{line}; --place found or --start X,Y,YAW_DEG places odometry; else set map_frame"
+        return f"{line}; --start found or --start X,Y,YAW_DEG places odometry; else set map_frame"
     if len(chain) == 1:
         return f"{line}no transform ends at '{laser}'; give --pose TOPIC, and mount in setup.yaml"
     return f"{line}nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"

@@ -83,12 +83,12 @@ def test_without_a_place_the_refusal_names_the_options(tmp_path):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
     arguments = ("replay", bag, "--map", made.write_map(tmp_path), "--preset", "real")
     said = one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
-    assert "--place found" in said
-    assert "--start" in said
-    for option in (("--place", "found"), ("--start", "2.9,3.1,0")):
-        assert "began at start: [" in midnet_bench(*arguments, *option, folder=tmp_path).stderr
-    both = midnet_bench(*arguments, "--place", "found", "--start", "0,0,0", folder=tmp_path)
-    assert "--place" in one_line_of_complaint(both)
+    assert "--start found" in said
+    assert "--start X,Y,YAW_DEG" in said
+    for place in ("found", "2.9,3.1,0"):
+        assert "began at start: [" in midnet_bench(*arguments, "--start", place, folder=tmp_path).stderr
+    old = midnet_bench(*arguments, "--place", "found", folder=tmp_path)
+    assert "--place: now --start found" in one_line_of_complaint(old)
     assert "--start 1,2" in one_line_of_complaint(midnet_bench(*arguments, "--start", "1,2", folder=tmp_path))
 
 

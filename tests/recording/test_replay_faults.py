@@ -4,13 +4,13 @@ import json
 import math
 import sqlite3
 import struct
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from midnet_bench.cli.replay import key_of
+from midnet_bench.cli.replay import ReplayOptions, key_of
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.records import zstd
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows
@@ -387,7 +387,7 @@ def test_names_that_are_not_there(tmp_path, replay):
 
 OLD_OPTIONS = {"--mirror": "mirrored", "--resolution": "resolution_m", "--rate": "rate_hz"}
 OLD_OPTIONS |= {"--scan-delay": "delay_s", "--ally": "allies", "--offset": "offset_s", "--window": "window_m"}
-OLD_OPTIONS |= {"--sector": "sector_deg"}
+OLD_OPTIONS |= {"--sector": "sector_deg", "--from": "from_s", "--to": "to_s"}
 SAME = "background hit-threshold scan mount map-frame clock no-return deskew unmapped"
 OLD_OPTIONS |= {f"--{name}": name.replace("-", "_") for name in SAME.split()}
 AGES = ("max-pose-age", "max-ally-age")
@@ -398,6 +398,7 @@ OLD_OPTIONS |= {"--match-distance": "match_distance_m"}
 def test_an_option_that_went_names_its_key_of_the_setup(tmp_path):
     assert {option: key_of(option) for option in OLD_OPTIONS} == OLD_OPTIONS
     assert key_of("--nothing") is key_of("--m") is None
+    assert len({one.name for one in fields(ReplayOptions)} - {"as_json", "wide"}) == 12
     for words in (["--mount", "1,2,3"], ["--unmapped"]):
         line = one_line_of_complaint(midnet_bench("replay", "a.bag", *words, folder=tmp_path))
         assert f"{words[0]}: write '{OLD_OPTIONS[words[0]]}: ...' into setup.yaml" in line

@@ -1,4 +1,4 @@
-"""A part of a recording by --from and --to, poses that are no robot's, and the option named by an error."""
+"""A part of a recording by from_s and to_s, poses that are no robot's, and what an error names."""
 
 import pytest
 
@@ -37,9 +37,6 @@ def test_a_part_has_the_boxes_of_the_whole_at_its_scans(tmp_path, keys, containe
 @pytest.mark.parametrize(
     ("typed", "named"),
     [
-        (("--from", 99), "--from"),
-        (("--from", 3, "--to", 2), "--to"),
-        (("--from", 4.97), "--from"),
         (("--pose", "/odmo"), "--pose: no topic"),
         (("--map", "/mpa"), "--map: "),
         (("--truth", "red=/red_poze"), "--truth: red: no topic"),
@@ -57,6 +54,17 @@ def test_an_error_names_what_was_typed(tmp_path, keys, typed, named):
     assert named in said
 
 
+@pytest.mark.parametrize(
+    ("written", "named"),
+    [("from_s: 99", "from_s"), ("{from_s: 3, to_s: 2}", "to_s"), ("from_s: 4.97", "change from_s")],
+)
+def test_an_error_names_the_setup_s_file_and_key(tmp_path, keys, written, named):
+    (tmp_path / "setup.yaml").write_text(written)
+    given = ("replay", keys["files"], "--map", keys["map"], "--setup", "setup.yaml")
+    said = one_line_of_complaint(midnet_bench(*given, folder=tmp_path))
+    assert named in said
+
+
 @pytest.mark.parametrize("topic", ["/move_base_simple/goal", "/goal_pose", "/initialpose", "/truth/red/pose"])
 def test_a_goal_is_never_proposed_as_a_pose(tmp_path, topic):
     goal = made.track_messages([(1.0, Pose2D(1.0, 1.0, 0.0))], topic=topic)
@@ -69,4 +77,4 @@ def test_a_goal_is_never_proposed_as_a_pose(tmp_path, topic):
         said.message.fields["header"]["frame_id"] = "odom"
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *goal, *driven])
     listed = midnet_bench("replay", bag, folder=tmp_path).stderr
-    assert "--pose /odom --place found" in listed
+    assert "--pose /odom --start found" in listed

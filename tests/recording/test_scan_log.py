@@ -45,10 +45,10 @@ def test_a_recording_of_each_kind_is_mapped(tmp_path, container):
 def test_the_commands_of_a_bag_without_a_map_are_named_and_work(tmp_path):
     bag = bag_of(tmp_path, "mcap")
     listed = midnet_bench("replay", bag.name, folder=tmp_path)
-    assert "--place found" in listed.stderr
+    assert "--start found" in listed.stderr
     mapped = midnet_bench("map", "--from-log", bag.name, "--no-clip", "-o", "made", folder=tmp_path)
     assert mapped.returncode == 0, mapped.stderr
-    done = midnet_bench("replay", bag.name, "--map", "made/map.yaml", "--place", "found", folder=tmp_path)
+    done = midnet_bench("replay", bag.name, "--map", "made/map.yaml", "--start", "found", folder=tmp_path)
     assert "began at start" in done.stderr, done.stderr
 
 

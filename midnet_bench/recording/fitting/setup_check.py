@@ -32,7 +32,7 @@ ALARM = 0.06  # A replay warns only of one that raises that share, or the mean c
 GOOD, POOR = 0.6, 0.4
 """A better setup that brings fewer returns than the one onto walls may be so by chance. If there is no better
 one, and as it is fewer than the other lie on walls, the map is taken for one of another place."""
-PLACED = "Odometry takes --place found"
+PLACED = "Odometry takes --start found"
 FEW_RETURNS = 100
 LONGEST_LINE = 300
 UNSEEN = 0.01  # A direction that no larger share of the returns constrains: beside a wall, at rest.
