@@ -49,23 +49,16 @@ class PluginError(MidnetBenchError):
     """Code from outside failed, or gave what it must not give. The message names it."""
 
 
-class Module(NamedTuple):
-    """A module that a file brings, as it was read; a package without ``__init__.py`` is empty."""
-
-    file: str
-    content: bytes
-    is_package: bool
-
-
 class Source(NamedTuple):
-    """A file with code, as it was read."""
+    """A file with code, as it was read; a package without ``__init__.py`` is empty."""
 
-    name: str  # without its folder
+    name: str  # what tracebacks call it; of an extension point's file without its folder
     content: bytes
+    is_package: bool = True  # what modules import is found inside the file's own
     pickled: bytes = b""
     """of a class or function that is in no file, such as one of a notebook's cell; ``content`` is then its
     source and that of what it calls there"""
-    beside: Mapping[str, Module] = {}
+    beside: Mapping[str, "Source"] = {}
     """by name, the modules that it imports, and those that they do, of no installed distribution"""
 
     @property
@@ -94,18 +87,15 @@ def load_reference(reference: str) -> Any:
     place, colon, name = reference.rpartition(":")
     if not (colon and place and name.isidentifier()):
         raise InputError(f"{reference}: {FORMS}")
+    module = place
     if place.endswith(".py"):
         source = _source(Path(place), reference)._replace(name=place)
         digest = hashlib.sha256(f"{Path(place).resolve()} {source.digest}".encode()).hexdigest()
         _KNOWN[digest] = source
-        return _named(name, _executed(digest, reference), place, reference)
-    if not all(part.isidentifier() for part in place.split(".")):
+        module = f"{EXECUTED}{digest}"
+    elif not all(part.isidentifier() for part in place.split(".")):
         raise InputError(f"{reference}: {FORMS}")
-    try:
-        module = importlib.import_module(place)
-    except Exception as error:
-        raise _not_imported(reference, error) from error
-    return _named(name, module, place, reference)
+    return _imported_object(module, name, place, reference)
 
 
 def later(reference: str) -> Callable[..., Any]:
@@ -117,17 +107,6 @@ def later(reference: str) -> Callable[..., Any]:
     return call
 
 
-def read_source(path: Path, reference: str) -> str:
-    """The digest of a file, whose code :func:`from_source` finds from now on.
-
-    Raises:
-        InputError: the file cannot be read; the message begins with ``reference``.
-    """
-    source = _source(path, reference)
-    _KNOWN[source.digest] = source
-    return source.digest
-
-
 def read_module(reference: str) -> str | None:
     """The digest of a module that a reference is into, and of what it brings; None if it is installed."""
     place = reference.rpartition(":")[0]
@@ -136,6 +115,7 @@ def read_module(reference: str) -> str | None:
 
 
 def _source(path: Path, reference: str) -> Source:
+    """A file and what it brings. Raises InputError, which begins with ``reference``: it cannot be read."""
     content = _read(path, reference)
     return Source(path.name, content, beside=_brought(content, [str(path.parent.resolve())], "", {}))
 
@@ -149,7 +129,7 @@ def _read(path: Path, reference: str) -> bytes:
         raise InputError(f"{reference}: {path} cannot be read: {error.strerror}") from error
 
 
-def _brought(content: bytes, folders: list[str], package: str, known: dict[str, Module]) -> dict[str, Module]:
+def _brought(content: bytes, folders: list[str], package: str, known: dict[str, Source]) -> dict[str, Source]:
     """``known`` and the modules that ``content`` of ``package`` imports from no installed distribution.
 
     They are looked for in ``folders`` first.
@@ -166,7 +146,7 @@ def _brought(content: bytes, folders: list[str], package: str, known: dict[str, 
                 continue
             is_package = places is not None
             source = b"" if spec.origin is None else _read(Path(spec.origin), module)
-            known[module] = Module(spec.origin or "", source, is_package)
+            known[module] = Source(spec.origin or "", source, is_package)
             _brought(source, folders, module if is_package else module.rpartition(".")[0], known)
     return known
 
@@ -213,17 +193,12 @@ def distributions_of(module: str) -> list[str]:
 
 
 @functools.lru_cache(maxsize=1)  # Python reads a file of every distribution for it, 0.2 s in all
-def _distributions(folders: tuple[tuple[str, int], ...]) -> dict[str, list[str]]:
+def _distributions(folders: tuple[tuple[str, int], ...]) -> Mapping[str, list[str]]:
     """Of each package its distributions; ``folders``: of modules, and when each was changed last."""
-    found: dict[str, list[str]] = {}
-    for one in importlib.metadata.distributions():
-        try:
-            named = (one.read_text("top_level.txt") or "").split()
-            for top in named or {file.parts[0].partition(".")[0] for file in one.files or []}:
-                found.setdefault(top, []).append(one.metadata["Name"])
-        except Exception:  # a damaged distribution offers nothing
-            continue
-    return found
+    try:
+        return importlib.metadata.packages_distributions()
+    except Exception:  # one is damaged: code goes by its digest, whatever it belongs to
+        return {}
 
 
 def offered(group: str) -> list[EntryPoint]:
@@ -248,24 +223,6 @@ def _readable_entry_points() -> list[EntryPoint]:
     return [point for points in found.values() for point in points]
 
 
-def from_source(digest: str, name: str, reference: str) -> Any:
-    """The object ``name`` of the file with that digest; the file is executed once.
-
-    Raises:
-        InputError: no such file was read or handed over, it cannot be executed, or it has no such name.
-    """
-    if digest not in _KNOWN:
-        raise InputError(f"{reference}: no file with the digest {digest} is known here; give its path")
-    source = _KNOWN[digest]
-    if source.pickled:
-        if digest not in _MADE:
-            _MADE[digest] = pickle.loads(source.pickled)
-        return _MADE[digest]
-    if not name.isidentifier():
-        raise InputError(f"{reference}: {name[:80]!r} is no name; expected path/file.py:NAME")
-    return _named(name, _executed(digest, reference), source.name, reference)
-
-
 def reference_to(value: Any) -> Any:
     """The reference to a class or function, with a digest of its source; any other value as it is.
 
@@ -283,7 +240,7 @@ def reference_to(value: Any) -> Any:
         if value.__module__ != "__main__" and "<" not in name and "." not in name:
             is_in_package = "." in value.__module__
             return f"{value.__module__ if is_in_package else inspect.getsourcefile(value)}:{name}"
-        content = "\n".join(_sources_of(value, {})).encode()
+        content = "\n".join(_sources_of(value, set())).encode()
         import cloudpickle
 
         pickled = cloudpickle.dumps(value)
@@ -297,11 +254,11 @@ def reference_to(value: Any) -> Any:
     return f"{file}:{value.__name__}#{digest}"
 
 
-def _sources_of(value: Any, known: dict[str, str]) -> list[str]:
+def _sources_of(value: Any, known: set[str]) -> list[str]:
     """The source of a class or function, of what it uses of its own module, and the digests of modules."""
     if value.__qualname__ in known:
         return []
-    known[value.__qualname__] = ""
+    known.add(value.__qualname__)
     found = [textwrap.dedent(_source_of(value))]
     members = vars(value).values() if inspect.isclass(value) else [value]
     functions = [getattr(one, "__func__", getattr(one, "fget", one)) for one in members]
@@ -361,64 +318,31 @@ def several(value: str) -> list[str]:
     return [one for one in map(str.strip, value.split(";")) if one]
 
 
-def _named(name: str, module: ModuleType, place: str, reference: str) -> Any:
-    if not hasattr(module, name):
-        names = [one for one in vars(module) if not one.startswith("_")]
-        raise InputError(f"{reference}: no '{name}' in {place}{nearest_name(name, names)}")
-    return getattr(module, name)
-
-
-def _executed(digest: str, reference: str) -> ModuleType:
-    """The module of a known file, executed once."""
-    name = f"{EXECUTED}{digest}"
-    if name in sys.modules:
-        return sys.modules[name]
-    if _Beside not in sys.meta_path:
-        sys.meta_path.insert(0, _Beside)
-    source = _KNOWN[digest]
-    module = ModuleType(name)
-    module.__path__, module.__package__ = [], name
-    sys.modules[name] = module  # classes find their module by its name
+def _imported_object(module: str, name: str, place: str, reference: str) -> Any:
+    """``name`` of a module. Raises InputError, which calls the module ``place``."""
     try:
-        _execute(module, source.name, source.content)
+        found = importlib.import_module(module)
     except Exception as error:
-        for one in [one for one in sys.modules if one.partition(".")[0] == name]:
-            del sys.modules[one]
-        raise _not_imported(reference, error) from error
-    return module
+        what = " ".join(str(error).split())
+        raise InputError(f"{reference}: cannot be imported: {type(error).__name__}: {what}") from error
+    if not hasattr(found, name):
+        names = [one for one in vars(found) if not one.startswith("_")]
+        raise InputError(f"{reference}: no '{name}' in {place}{nearest_name(name, names)}")
+    return getattr(found, name)
 
 
-def _execute(module: ModuleType, file: str, content: bytes) -> None:
-    """Run what was read, and not bytecode of a file that had the same time and size.
+class _Importer:
+    """Python's finder and loader of what was read: ``EXECUTED`` and the digest, ``.`` and what it brings.
 
-    What it imports it finds among the modules beside its file first.
+    It runs what was read, and not bytecode of a file that had the same time and size.
     """
-    root = module.__name__.partition(".")[0]
-    beside = _KNOWN[root.removeprefix(EXECUTED)].beside
-
-    def find(name: str, *more: Any, **named: Any) -> Any:
-        level = named.get("level", more[3] if len(more) > 3 else 0)
-        if level or name not in beside:
-            return builtins.__import__(name, *more, **named)
-        found = builtins.__import__(f"{root}.{name}", *more, **named)
-        wants_parts = named.get("fromlist", more[2] if len(more) > 2 else ())
-        return found if wants_parts else getattr(found, name.partition(".")[0])
-
-    module.__file__ = file
-    module.__dict__["__builtins__"] = {**vars(builtins), "__import__": find}
-    exec(compile(content, file, "exec"), module.__dict__)
-
-
-class _Beside:
-    """Python's finder and loader of the modules that files bring: ``<module of the file>.<their name>``."""
 
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:
-        root, _, inner = name.partition(".")
-        source = _KNOWN.get(root.removeprefix(EXECUTED)) if root.startswith(EXECUTED) else None
-        if source is None or inner not in source.beside:
+        source = _source_called(name)
+        if source is None:
             return None
-        return ModuleSpec(name, _Beside, is_package=source.beside[inner].is_package)  # type: ignore[arg-type]
+        return ModuleSpec(name, _Importer, is_package=source.is_package)  # type: ignore[arg-type]
 
     @staticmethod
     def create_module(spec: ModuleSpec) -> None:
@@ -426,14 +350,32 @@ class _Beside:
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        root, _, inner = module.__name__.partition(".")
-        one = _KNOWN[root.removeprefix(EXECUTED)].beside[inner]
-        _execute(module, one.file, one.content)
+        """Run the module. What it imports it finds among the modules beside its file first."""
+        root = module.__name__.partition(".")[0]
+        source, beside = _source_called(module.__name__), _KNOWN[root.removeprefix(EXECUTED)].beside
+        assert source is not None
+
+        def find(name: str, *more: Any, **named: Any) -> Any:
+            level = named.get("level", more[3] if len(more) > 3 else 0)
+            if level or name not in beside:
+                return builtins.__import__(name, *more, **named)
+            found = builtins.__import__(f"{root}.{name}", *more, **named)
+            wants_parts = named.get("fromlist", more[2] if len(more) > 2 else ())
+            return found if wants_parts else getattr(found, name.partition(".")[0])
+
+        module.__file__ = source.name
+        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": find}
+        exec(compile(source.content, source.name, "exec"), module.__dict__)
 
 
-def _not_imported(reference: str, error: Exception) -> InputError:
-    what = " ".join(str(error).split())
-    return InputError(f"{reference}: cannot be imported: {type(error).__name__}: {what}")
+def _source_called(module: str) -> Source | None:
+    """What a module is made of that :class:`_Importer` imports; None for any other."""
+    root, _, inner = module.partition(".")
+    source = _KNOWN.get(root.removeprefix(EXECUTED)) if root.startswith(EXECUTED) else None
+    return source if source is None or not inner else source.beside.get(inner)
+
+
+sys.meta_path.insert(0, _Importer)
 
 
 class Choice(NamedTuple):
@@ -456,6 +398,20 @@ class Choice(NamedTuple):
             for key, value in sorted(self.options.items())
         )
         return f"{self.place}{f'({options})' if options else ''}{self.mark}{self.pin}"
+
+
+def _pinned_object(choice: Choice) -> Any:
+    """What a pinned choice in a file names. Raises InputError: no such file is known, or no such name."""
+    digest, file, name = choice.pin, *choice.place.split(":")
+    if digest not in _KNOWN:
+        raise InputError(f"{choice}: no file with the digest {digest} is known here; give its path")
+    if _KNOWN[digest].pickled:
+        if digest not in _MADE:
+            _MADE[digest] = pickle.loads(_KNOWN[digest].pickled)
+        return _MADE[digest]
+    if not name.isidentifier():
+        raise InputError(f"{choice}: {name[:80]!r} is no name; expected path/file.py:NAME")
+    return _imported_object(f"{EXECUTED}{digest}", name, file, str(choice))
 
 
 @dataclass(frozen=True)
@@ -587,8 +543,9 @@ class ExtensionPoint:
             if choice.pin:
                 return choice
             file, _, name = choice.place.rpartition(":")
-            pin = read_source(Path(file), choice.place)
-            return choice._replace(place=f"{Path(file).name}:{name}", mark="#", pin=pin)
+            source = _source(Path(file), choice.place)
+            _KNOWN[source.digest] = source
+            return choice._replace(place=f"{source.name}:{name}", mark="#", pin=source.digest)
         reference = self._reference(choice)
         if digest := read_module(reference):
             return choice._replace(mark="#", pin=digest)
@@ -611,7 +568,7 @@ class ExtensionPoint:
         """What a choice names, as it stands there. Raises InputError."""
         try:
             if choice.is_file:
-                return from_source(choice.pin, choice.place.rpartition(":")[2], str(choice))
+                return _pinned_object(choice)
             reference = self._reference(choice)
             found = load_reference(reference)
         except InputError as error:
@@ -669,14 +626,6 @@ def _scalar(text: str) -> Scalar:
     return text
 
 
-_FUSIONS = {
-    "none": "NoFusion",
-    "suppression": "NonMaximumSuppression",
-    "components": "ConnectedComponents",
-    "weighted": "WeightedBoxes",
-    "centres": "CentreDistance",
-    "tracks": "KalmanTracks",
-}
 DETECTORS = ExtensionPoint(
     option="detector",
     entry_points="midnet_bench.detectors",
@@ -695,7 +644,12 @@ FUSIONS = ExtensionPoint(
     method="fuse",
     own={
         "paper": None,
-        **{name: f"midnet_bench.detectors.fusions:{kind}" for name, kind in _FUSIONS.items()},
+        "none": "midnet_bench.detectors.fusions:NoFusion",
+        "suppression": "midnet_bench.detectors.fusions:NonMaximumSuppression",
+        "components": "midnet_bench.detectors.fusions:ConnectedComponents",
+        "weighted": "midnet_bench.detectors.fusions:WeightedBoxes",
+        "centres": "midnet_bench.detectors.fusions:CentreDistance",
+        "tracks": "midnet_bench.detectors.fusions:KalmanTracks",
     },
 )
 """see ``detectors/fusions.py``"""

@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -27,6 +27,15 @@ class Broken:
         raise KeyError("nothing")
     def detect(self, team): ...
 """
+
+
+@pytest.fixture(autouse=True)
+def forgets_modules() -> Iterator[None]:
+    """What a test has imported from a folder of its own is not there for the next one."""
+    before = {*sys.modules}
+    yield
+    for name in {"helper", "lazy", "parts", "parts.size", "parts.unit"} & sys.modules.keys() - before:
+        del sys.modules[name]
 
 
 @pytest.fixture
@@ -152,8 +161,6 @@ def test_a_module_of_no_distribution_is_digested_with_what_it_brings(
         DETECTORS.pinned(before)
     with pytest.raises(InputError, match="start a new process"):
         numbers_of(DETECTORS.pinned("my_detector_module:Mine"))
-    for name in ("helper", "lazy", "parts", "parts.size", "parts.unit", "my_detector_module"):
-        sys.modules.pop(name, None)
 
 
 @pytest.mark.slow
