@@ -181,23 +181,6 @@ class Scan(NamedTuple):
         return beams, self.pose.compose(lidar.mount).transform(points)
 
 
-class Odometry(NamedTuple):
-    """nav_msgs/Odometry in the plane: pose in the odom frame, velocities in the body frame."""
-
-    pose: Pose2D
-    linear_mps: float
-    angular_radps: float
-
-
-class Imu(NamedTuple):
-    """sensor_msgs/Imu in the plane."""
-
-    yaw_rad: float
-    yaw_rate_radps: float
-    acceleration_x_mps2: float
-    """forward; no filter here reads it, but without its noise the gyroscope's random draws would be others"""
-
-
 class Command(NamedTuple):
     """geometry_msgs/Twist in the plane, body frame."""
 

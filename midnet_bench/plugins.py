@@ -250,7 +250,7 @@ def reference_to(value: Any) -> Any:
         ) from error
     digest = hashlib.sha256(content).hexdigest()[:DIGITS]
     file = f"{value.__module__.strip('_')}.py"
-    _KNOWN[digest], _MADE[digest] = Source(file, content, pickled), value
+    _KNOWN[digest], _MADE[digest] = Source(file, content, pickled=pickled), value
     return f"{file}:{value.__name__}#{digest}"
 
 

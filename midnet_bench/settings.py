@@ -7,7 +7,6 @@ sets. An experiment nests such classes by :func:`group`. The options of that tre
 """
 
 import functools
-import math
 import re
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -126,9 +125,17 @@ class Settings:
         Raises:
             InputError: an unknown key, or a value that is out of range.
         """
-        return cast(
-            Self, _of_flat(cast(Any, cls), tuple((key, type(one), one) for key, one in values.items()))
-        )
+        known = leaves(cls)
+        tree: dict[str, Any] = {}
+        for key, value in values.items():
+            if key not in known:
+                raise InputError(f"{key}: unknown key{nearest_name(key, known)}")
+            *path, name = known[key].path
+            branch = tree
+            for step in path:
+                branch = branch.setdefault(step, {})
+            branch[name] = value
+        return cast(Self, _changed(cls.defaults_with(values), tree))
 
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
@@ -153,6 +160,7 @@ class Settings:
 class Leaf:
     """One value of a tree of settings."""
 
+    owner: type["Settings"]  # the class that has it
     key: str | None  # None: it cannot be set
     path: tuple[str, ...]  # the attributes that lead to it
     help: str  # what it does, a sentence; empty of one that cannot be set
@@ -204,20 +212,16 @@ class Leaf:
 
     def allows(self, value: Scalar) -> bool:
         """Whether it may have this value, in its declared type; a text is looked at where it is used."""
-        if value is None or isinstance(value, str):
-            return self.takes_none if value is None else self.kind not in (bool, int, float)
-        if isinstance(value, bool) or self.kind is bool:
-            return isinstance(value, bool) and self.kind is bool
-        if self.choices or self.kind is str or (self.kind is int and not isinstance(value, int)):
-            return value in self.choices
-        low, above, high, multiple = map(self.limits.get, ("ge", "gt", "le", "multiple_of"))
-        return (
-            abs(value) < math.inf
-            and (low is None or value >= low)
-            and (above is None or value > above)
-            and (high is None or value <= high)
-            and (multiple is None or value % multiple == 0)
-        )
+        if isinstance(value, str):
+            return self.kind not in (bool, int, float)
+        if isinstance(value, bool):  # pydantic takes it for the 1 of a Literal
+            return self.kind is bool
+        model = _model(cast(Any, self.owner))
+        try:
+            model.__pydantic_validator__.validate_assignment(model.model_construct(), self.path[-1], value)
+        except ValueError:
+            return False
+        return True
 
     def value_in(self, settings: Settings) -> Scalar:
         """Its value in settings of its tree."""
@@ -265,22 +269,6 @@ def _plain(value: float) -> str:
     return f"{value:.0f}" if abs(value) < 1e9 and value == int(value) else f"{value:g}"
 
 
-@functools.lru_cache(maxsize=1000)
-def _of_flat(settings: type[Settings], values: tuple[tuple[str, type, Scalar], ...]) -> Settings:
-    """Settings never change, so that equal values are checked once."""
-    known = leaves(settings)
-    tree: dict[str, Any] = {}
-    for key, _, value in values:
-        if key not in known:
-            raise InputError(f"{key}: unknown key{nearest_name(key, known)}")
-        *path, name = known[key].path
-        branch = tree
-        for step in path:
-            branch = branch.setdefault(step, {})
-        branch[name] = value
-    return _changed(settings.defaults_with({key: value for key, _, value in values}), tree)
-
-
 @functools.cache
 def _usual(settings: type[Settings]) -> Settings:
     return settings()
@@ -314,7 +302,8 @@ def _walk(defaults: Settings, path: tuple[str, ...], here: Group) -> Iterator[Le
             key = here.prefix + (said["key"] or name) if is_open else None
             source, help = here.sources.get(name, said["source"]), said.get("help", "")
             limits = said.get("limits", {})
-            yield Leaf(key, (*path, name), help, limits, kinds[name], value, source, here.title)
+            place = (*path, name)
+            yield Leaf(type(defaults), key, place, help, limits, kinds[name], value, source, here.title)
         elif "group" in said:
             inner: Group = said["group"]
             start = f"{name}."

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from midnet_bench.geometry import Imu, Odometry, Pose2D, wrap_angle
+from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import (
     ALPHA,
@@ -24,6 +24,20 @@ from midnet_bench.rng import stream
 
 DT_S = 0.1
 SUBSTEPS = 10
+
+
+class Odometry(NamedTuple):
+    """The pose in the odom frame, velocities in the body frame."""
+
+    pose: Pose2D
+    linear_mps: float
+    angular_radps: float
+
+
+class Imu(NamedTuple):
+    yaw_rad: float
+    yaw_rate_radps: float
+    acceleration_x_mps2: float
 
 
 class Robot:
