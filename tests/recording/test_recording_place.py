@@ -75,6 +75,7 @@ def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
         for off in ({}, {"localize": False})
     )
     assert corrected < 0.05
+    # seen 0.48: one start is fitted to the whole drive, so how many are left depends on the fit
     assert plain > 0.4
 
 
