@@ -14,6 +14,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import joblib
+
 from midnet_bench import compiled
 from midnet_bench.campaign import runner
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
@@ -22,8 +24,9 @@ from midnet_bench.campaign.runner import CampaignOutcome, Progress
 from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
-from midnet_bench.geometry import Pose2D, lengths
+from midnet_bench.geometry import Command, Pose2D, lengths
 from midnet_bench.io.files import shipped_folder
+from midnet_bench.robots.burger import BURGER
 from midnet_bench.settings import Scalar
 
 if TYPE_CHECKING:
@@ -211,17 +214,30 @@ def compile_ahead(campaign: ResolvedCampaign, show: Show = lambda done, total: N
 
 
 def compile_kernels() -> None:
-    """Run every compiled loop once; about a minute without a cache."""
+    """Run every compiled loop once, in two processes; about a minute without a cache."""
     from midnet_bench.navigation.navigator import compile_kernels as compile_navigation
 
-    compile_navigation()
+    # what has few loops in common stands side by side; the trials at the end find most of theirs
+    parts: list[Callable[[], None]] = [compile_navigation, _drive_a_team, _map_a_drive]
     for engine in ("fast", "bullet") if find_spec("pybullet") else ("fast",):
-        for name in ("detection", "labyrinth", "mapping"):
-            _run_short(name, engine=engine)
-            if name != "mapping":
-                _run_short(name, engine=engine, robots=3, odometry="encoder", localization="ukf+map")
-    _run_short("detection", engine="fast", arena="people")
-    _map_a_drive()
+        parts += [partial(_run_short, name, engine=engine) for name in ("mapping", "detection", "labyrinth")]
+        slipping: dict[str, Scalar] = {"robots": 3, "odometry": "encoder", "localization": "ukf+map"}
+        parts += [partial(_run_short, name, engine=engine, **slipping) for name in ("detection", "labyrinth")]
+    joblib.Parallel(n_jobs=2)(joblib.delayed(part)() for part in parts)
+
+
+def _drive_a_team() -> None:
+    """Let robots drive among people by the compiled engine."""
+    from midnet_bench.arena.arena import load_arena
+    from midnet_bench.arena.layout import place
+    from midnet_bench.simulation.world import World
+    from midnet_bench.simulation.world_settings import WorldSettings
+
+    world = World(place(load_arena("people"), 1, 3), WorldSettings(engine="fast"), BURGER)
+    world.drive(0, Command(0.2, 0.5))
+    for _ in range(5):
+        world.step()
+    world.close()
 
 
 def _run_short(name: str, **values: Scalar) -> None:
