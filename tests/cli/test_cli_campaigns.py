@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from midnet_bench.workflows.golden import TABLES
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, worked
 
 CAMPAIGNS = sorted((REPOSITORY / "campaigns").glob("*.yaml"))
@@ -87,10 +86,9 @@ def test_a_folder_of_that_name_does_not_hide_the_campaign_but_a_file_does(tmp_pa
 
 @pytest.mark.slow
 def test_smoke_agrees_with_the_expected_numbers(tmp_path: Path) -> None:
-    for name in TABLES:
-        worked("run", name, "-o", name, "-q", folder=tmp_path)
-        done = worked("compare", "--exact", name, folder=tmp_path)
-        assert done.stdout.startswith("0 differences")
+    worked("run", "smoke-labyrinth", "-o", "smoke-labyrinth", "-q", folder=tmp_path)
+    done = worked("compare", "--exact", "smoke-labyrinth", folder=tmp_path)
+    assert done.stdout.startswith("0 differences")
     scores = tmp_path / "smoke-labyrinth" / "trial.csv"
     scores.write_text("".join(scores.read_text().splitlines(keepends=True)[:-1]))
     done = midnet_bench("compare", "--exact", "smoke-labyrinth", folder=tmp_path)

@@ -232,13 +232,13 @@ def stored_trials(directory: Path) -> int:
     ("arguments", "tables"),
     [
         (
-            "detection --engine stub.py:World --robot-model robot.py:ROBOT --frames 20 --robots 1 --seeds 6 "
+            "detection --engine stub.py:World --robot-model robot.py:ROBOT --frames 10 --robots 1 --seeds 4 "
             "--detector mine.py:Returns --fusion mine.py:Largest --metric counts.py:Boxes --metric ospa "
             "--jobs 1",
             ("scores.csv", "frames.csv", "metrics.csv"),
         ),
         (
-            f"labyrinth {' '.join(CHASE)} --robots 3 --intruders 3 --trials 5 --jobs 2 "
+            f"labyrinth {' '.join(CHASE)} --robots 3 --intruders 2 --trials 3 --jobs 2 "
             "--pursuit mine.py:First",
             ("trial.csv", "intruders.csv"),
         ),
@@ -254,8 +254,9 @@ def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(
     process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
     deadline_s = time.monotonic() + 120
     while not stored_trials(folder / "killed"):
+        assert process.poll() is None
         assert time.monotonic() < deadline_s
-        time.sleep(0.2)
+        time.sleep(0.05)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
