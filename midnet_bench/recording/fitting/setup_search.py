@@ -26,7 +26,7 @@ LARGEST_PICTURE_M = 400.0
 TURNS = np.arange(72) * (math.tau / 72)
 STEPS_APART = 4  # of the starts of one search: nearer ones end in one place
 COARSE_M, NARROW_M = 0.3, 0.06  # Distance to a wall at which a return counts half, of starts and of scores.
-SCALES_M = (COARSE_M, 0.08)
+SCALES_M = (COARSE_M, 0.04)
 """the same of the least squares, one after the other; the last is chosen in docs/studies/recordings-fit.md"""
 SETTLED = 0.01  # a step by so small a part of all that a value has moved is the last
 START_RETURNS = 3  # starts are compared by one return in so many
