@@ -1,8 +1,9 @@
 """``DetectorNode``: from a map, poses and scans to the team's boxes; no simulator, arena or agent."""
 
 import math
-from collections.abc import Hashable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +58,10 @@ class TeamFusion:
         self._midnet, self._name = midnet, fusion
         self.is_the_papers = FUSIONS.is_made_here(fusion)
         """whether Algorithms 3 and 4 do it, which remember nothing"""
-        self._fusion: Any = None
+
+    @cached_property
+    def _fusion(self) -> Any:
+        return FUSIONS.make(self._name)
 
     def fuse(
         self, found: Sequence[BoxArray], poses: Sequence[Pose2D], time_s: float, allies: Sequence[Ally] = ()
@@ -72,8 +76,6 @@ class TeamFusion:
         team = self._midnet.team_of(found, poses, allies)
         if self.is_the_papers:
             return team.detections, team.found_by.tolist()
-        if self._fusion is None:
-            self._fusion = FUSIONS.make(self._name)
         every = np.concatenate(found)[team.kept]
         boxes = fused(self._fusion, self._name, np.split(every, team.starts[1 : len(found)]), time_s)
         if not len(every):
@@ -122,10 +124,8 @@ class DetectorNode:
     ) -> None:
         """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame.
 
-        ``like``: a node that sees the same by the same local costmaps, to share them and its scans, and its
-        detector if that is the same, too.
+        ``like``: a node that sees the same by the same local costmaps, to share them, scans and detectors.
         """
-        self._settings = settings
         self.prior = binary_prior(prior_map, settings)
         midnet, costmap = settings.midnet_settings, settings.local_costmap
         area_m2 = midnet.return_area_m2
@@ -135,14 +135,14 @@ class DetectorNode:
         if like is None:
             self.costmaps = [RollingCostmap(costmap, prior_map.origin) for _ in range(robots)]  # map frame
             self.scans: list[Scan | None] = [None] * robots  # the last that :meth:`observe` took
+            self._detectors: dict[str, _CachedDetector] = {}
         else:
-            self.costmaps, self.scans = like.costmaps, like.scans
+            self.costmaps, self.scans, self._detectors = like.costmaps, like.scans, like._detectors
         self._detector: _CachedDetector | None = None
-        if like is not None and like._settings.detector == settings.detector:
-            self._detector = like._detector
-        elif not DETECTORS.is_made_here(settings.detector):
+        if not DETECTORS.is_made_here(settings.detector):
             fixed = prior_map.with_data(_fixed(prior_map.data))
-            self._detector = _CachedDetector(settings.detector, fixed, costmap.obstacle_range_m)
+            made = _CachedDetector(settings.detector, fixed, costmap.obstacle_range_m)
+            self._detector = self._detectors.setdefault(settings.detector, made)
         self._fusion = TeamFusion(self.midnet, settings.fusion)
         self.is_the_papers = self._detector is None and self._fusion.is_the_papers
         """whether section IV is done as it is written, and no frame depends on an earlier one"""
@@ -201,7 +201,8 @@ class DetectorNode:
             if explain:
                 explanation = self.midnet.update(observations, explain, allies).explanation
         else:
-            found = self._detector.found([_read_only(observation) for observation in observations], time_s)
+            seen = [_read_only(observation) for observation in observations]
+            found = self._detector.found(seen, time_s)
         poses = [observation.pose for observation in observations]
         boxes, found_by = self._fusion.fuse(found, poses, time_s, allies)
         return Frame([Box._make(row) for row in boxes.tolist()], found_by, explanation)
@@ -219,27 +220,6 @@ class DetectorNode:
         """Each robot's latest pose, its costmap, and its last scan: ``scans``, else those observed here."""
         each = zip(poses, self.costmaps, self.scans if scans is None else scans, strict=True)
         return [Observation(pose, costmap.published(), scan) for pose, costmap, scan in each]
-
-
-class Sight(NamedTuple):
-    """What one of several nodes over a team works by."""
-
-    settings: DetectorSettings
-    prior_map: OccupancyGrid
-    fed: Hashable  # nodes see the same if this, ``prior_map`` and their local costmaps' settings are the same
-
-
-def detector_nodes(sights: Sequence[Sight], robots: int) -> list[DetectorNode]:
-    """A node for each of ``sights`` over one team; what is the same in two of them is there once."""
-    nodes: list[DetectorNode] = []
-    alike: dict[Hashable, DetectorNode] = {}
-    for settings, prior_map, fed in sights:
-        seen = (settings.local_costmap, id(prior_map), fed)
-        like = alike.get((seen, settings.detector), alike.get(seen))
-        nodes.append(DetectorNode(settings, prior_map, robots, like))
-        alike.setdefault(seen, nodes[-1])
-        alike.setdefault((seen, settings.detector), nodes[-1])
-    return nodes
 
 
 def _read_only(observation: Observation) -> Observation:

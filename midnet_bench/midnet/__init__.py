@@ -1,4 +1,4 @@
 """MIDNet, section IV of the paper: costmaps and poses of a team in, boxes around intruders out.
 
-One file per subsection: ``binary_map`` (A), ``detection`` (B), ``fusion`` (C); ``pipeline`` runs them.
+``detection`` has subsections A and B, ``fusion`` has C; ``pipeline`` runs them.
 """

@@ -34,6 +34,7 @@ class TeamBoxes(NamedTuple):
     kept: Indices  # indices of the boxes that are no allies, robot after robot, in their old order
     starts: Indices  # for each robot, where its boxes in ``kept`` begin, and where the last one's end
     removed: Indices  # (k, 2): an ally's index and the box that was taken for it, in the order of removal
+    squares: BoxArray  # ``bbox`` of each ally, of the robots first
 
 
 class Call(NamedTuple):
@@ -179,4 +180,4 @@ def fuse_team(found: Sequence[BoxArray], squares: BoxArray, settings: MIDNetSett
     starts = np.searchsorted(robots[kept], bounds)
     lists = [kept[begin:end] for begin, end in pairwise(starts.tolist())]
     fused = divide_and_conquer(lists, 0, len(lists) - 1, boxes, settings.iou_fuse)
-    return TeamBoxes(boxes[fused], robots[fused], kept, starts, removed)
+    return TeamBoxes(boxes[fused], robots[fused], kept, starts, removed, squares)

@@ -125,32 +125,25 @@ class MIDNet:
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
         each = [self._detect(observation) for observation in observations]  # IV.A, IV.B
-        found = [boxes for boxes, _, _ in each]
-        squares = self._squares([observation.pose for observation in observations], allies)
-        team = fuse_team(found, squares, self.settings)  # IV.C
-        explanation = self._explain(each, squares, team) if explain else None
+        poses = [observation.pose for observation in observations]
+        team = self.team_of([boxes for boxes, _, _ in each], poses, allies)  # IV.C
+        explanation = self._explain(each, team) if explain else None
         return Frame(_boxes(team.detections), team.found_by.tolist(), explanation)
 
     def found_by_each(self, observations: Sequence[Observation]) -> list[BoxArray]:
         """Sections IV.A and IV.B alone: of each robot (n, 4) boxes, map frame, before the team comes in.
 
-        Raises InputError as :meth:`update` does. ``fused`` of this is what ``update`` gives.
+        Raises InputError as :meth:`update` does. ``team_of`` makes the team's of it.
         """
         return [self._detect(observation)[0] for observation in observations]
-
-    def fused(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> list[Box]:
-        """Section IV.C alone: the team's detections from the boxes of each robot and its latest pose."""
-        return _boxes(self.team_of(found, poses).detections) if found else []
 
     def team_of(
         self, found: Sequence[BoxArray], poses: Sequence[Pose2D], allies: Sequence[Ally] = ()
     ) -> TeamBoxes:
-        """As :meth:`fused`, with what Algorithm 2 left and took; at least one robot."""
-        return fuse_team(found, self._squares(poses, allies), self.settings)
-
-    def _squares(self, poses: Sequence[Pose2D], allies: Sequence[Ally]) -> BoxArray:
+        """Section IV.C alone, for at least one robot, from the boxes of each and its latest pose."""
         squares = ally_squares(poses, self.settings.ally_diameter_m)
-        return np.concatenate((squares, *(ally_squares([pose], side_m) for pose, side_m in allies)))
+        squares = np.concatenate((squares, *(ally_squares([pose], side_m) for pose, side_m in allies)))
+        return fuse_team(found, squares, self.settings)
 
     def _detect(self, observation: Observation) -> tuple[BoxArray, Crop, tuple[BinaryArray, ...]]:
         """Sections IV.A and IV.B for one robot: boxes, what was compared, and A to D."""
@@ -171,10 +164,7 @@ class MIDNet:
         return boxes, crop, (a, b, c, d)
 
     def _explain(
-        self,
-        each: Sequence[tuple[BoxArray, Crop, tuple[BinaryArray, ...]]],
-        squares: BoxArray,
-        team: TeamBoxes,
+        self, each: Sequence[tuple[BoxArray, Crop, tuple[BinaryArray, ...]]], team: TeamBoxes
     ) -> Explanation:
         """The intermediates with their place in the map frame."""
         every = [Detection(box, robot) for robot, (rows, _, _) in enumerate(each) for box in _boxes(rows)]
@@ -184,7 +174,7 @@ class MIDNet:
             a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in arrays)
             kept = [every[k].box for k in team.kept[team.starts[robot] : team.starts[robot + 1]]]
             views.append(RobotView(crop, a, b, c, d, _boxes(rows), kept))
-        allies = _boxes(squares)
+        allies = _boxes(team.squares)
         taken = [(every[k], ally) for ally, k in team.removed.tolist()]
         removed = [RemovedAlly(found, ally, allies[ally].iou(found.box)) for found, ally in taken]
         return Explanation(views, removed)

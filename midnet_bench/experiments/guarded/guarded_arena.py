@@ -15,7 +15,7 @@ from midnet_bench.agents.patrol import Patrol, TeamPatrol, patrol_points, safe_d
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row
-from midnet_bench.detectors.detector_node import DetectorNode, Sight, detector_nodes
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.evaders import Evaders
 from midnet_bench.experiments.guarded.ground_truth import GroundTruthOverride, ScanCallback
@@ -28,7 +28,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame, Observation
-from midnet_bench.navigation.navigation_settings import NavigatorSettings
+from midnet_bench.navigation.navigation_settings import CostmapSettings, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import (
@@ -251,15 +251,17 @@ class GuardedArena(RobotTrial):
         )
 
     def _make_nodes(self, tests: Sequence[GuardParameters]) -> list[DetectorNode]:
-        """The detector's node of each test."""
+        """The detector's node of each test; those that see the same share what they can."""
         maps = {False: self.prior_map}
         if any(test.oracle == "map" for test in tests):
             maps[True] = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
-        sights = [
-            Sight(test, maps[test.oracle == "map"], test.oracle if test.oracle in OVERRIDING else None)
-            for test in tests
-        ]
-        return detector_nodes(sights, self.parameters.robots)
+        nodes, alike = [], dict[tuple[CostmapSettings, str], DetectorNode]()
+        for test in tests:
+            seen = (test.local_costmap, test.oracle if test.oracle in ("map", *OVERRIDING) else "")
+            prior_map = maps[test.oracle == "map"]
+            nodes.append(DetectorNode(test, prior_map, self.parameters.robots, alike.get(seen)))
+            alike.setdefault(seen, nodes[-1])
+        return nodes
 
     def _override(
         self, nodes: Sequence[DetectorNode], tests: Sequence[GuardParameters]
