@@ -5,7 +5,6 @@ Where one map lies in another is proposed by features, refined on the grids, and
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
 
@@ -34,16 +33,12 @@ _RATIO = 0.7  # of Lowe's ratio test
 _INLIER_CELLS = 3.0
 _MIN_MATCHES = 6
 
-
-@dataclass(frozen=True)
-class MergeSettings:
-    """When two maps are merged and when they are refused."""
-
-    min_confidence: float = 0.7  # multirobot_map_merge's 1.0 leaves out good pairs
-    max_scale_error: float = 0.02
-    min_agreement: float = 0.9
-    min_overlap: float = 0.25
-    max_rival: float = 0.3
+# Two maps are merged within these limits and refused beyond any one of them.
+MIN_CONFIDENCE = 0.7  # of the features; multirobot_map_merge's 1.0 leaves out good pairs
+MAX_SCALE_ERROR = 0.02  # of the features
+MIN_AGREEMENT = 0.9  # of the grids
+MIN_OVERLAP = 0.25  # share of the smaller map's wall
+MAX_RIVAL = 0.3  # share of the best placement's evidence
 
 
 class Proposal(NamedTuple):
@@ -158,13 +153,10 @@ class Fit(NamedTuple):
         total = self.shared_m + self.contradicted_m
         return self.shared_m / total if total > 0.0 else 0.0
 
-    def evidence_m(self, least_agreement: float) -> float:
-        """Shared wall less contradictions, weighted so that it is 0 at ``least_agreement``; at 1, -inf."""
-        if self.contradicted_m == 0.0:
-            return self.shared_m
-        if least_agreement >= 1.0:
-            return -math.inf
-        return self.shared_m - self.contradicted_m * least_agreement / (1.0 - least_agreement)
+    @property
+    def evidence_m(self) -> float:
+        """Shared wall less contradictions, weighted so that it is 0 at ``MIN_AGREEMENT``."""
+        return self.shared_m - self.contradicted_m * MIN_AGREEMENT / (1.0 - MIN_AGREEMENT)
 
 
 def fit(a: WallMap, b: WallMap, pose: Pose2D) -> Fit:
@@ -213,11 +205,11 @@ def coarse_placements(a: WallMap, b: WallMap, yaw_rad: float) -> list[Pose2D]:
     """
     placements: list[tuple[float, Pose2D]] = []
     walls_a, open_a, origin_a = _coarse(a, 0.0)
-    gain_a = np.where(_grown(walls_a), 1.0, -_CONTRADICTION_WEIGHT * open_a)
+    gain_a = np.where(_dilated(walls_a), 1.0, -_CONTRADICTION_WEIGHT * open_a)
     for quarter in range(4):
         yaw = yaw_rad + quarter * math.pi / 2.0
         walls_b, open_b, origin_b = _coarse(b, yaw)
-        loss_b = np.where(_grown(walls_b), 0.0, _CONTRADICTION_WEIGHT * open_b)
+        loss_b = np.where(_dilated(walls_b), 0.0, _CONTRADICTION_WEIGHT * open_b)
         sizes = zip(walls_a.shape, walls_b.shape, strict=True)
         shape = np.array([scipy.fft.next_fast_len(m + n, real=True) for m, n in sizes])
         spectrum = scipy.fft.rfft2(gain_a, shape) * np.conj(scipy.fft.rfft2(walls_b, shape))
@@ -249,7 +241,7 @@ def _coarse(m: WallMap, yaw_rad: float) -> tuple[Floats, Floats, Floats]:
     return grids[0], grids[1], origin
 
 
-def _grown(cells: Floats) -> npt.NDArray[np.bool_]:
+def _dilated(cells: Floats) -> npt.NDArray[np.bool_]:
     """The set cells and their eight neighbours."""
     return cv2.dilate(cells, np.ones((3, 3))) > 0.0
 
@@ -278,9 +270,7 @@ Matches = dict[tuple[int, int], MapMatch]
 """of each pair of a team's maps by their places in the team, the lower one first"""
 
 
-def match_maps(
-    first: OccupancyGrid, second: OccupancyGrid, settings: MergeSettings | None = None
-) -> MapMatch:
+def match_maps(first: OccupancyGrid, second: OccupancyGrid) -> MapMatch:
     """Where ``second`` lies in ``first``: a rigid placement, or a refusal with its reason.
 
     Features propose a placement; the grids improve it and judge it: how much wall they share, how
@@ -291,11 +281,10 @@ def match_maps(
     Not as in multirobot_map_merge: the package accepts a pair whose features agree (confidence >= 1),
     keeps the features' scale in its transform and looks neither at the grids nor for a second solution.
     """
-    trust = settings or MergeSettings()
     proposal = propose(first, second)
     if proposal is None:
         return MapMatch(None, "too few features match", 0.0)
-    if abs(proposal.scale - 1.0) > trust.max_scale_error:
+    if abs(proposal.scale - 1.0) > MAX_SCALE_ERROR:
         refusal = f"features want a scale of {proposal.scale:.3f}, not 1"
         return MapMatch(None, refusal, proposal.confidence)
 
@@ -303,7 +292,7 @@ def match_maps(
     poses = [refine(a, b, proposal.pose)]
     poses += [refine(a, b, pose) for pose in coarse_placements(a, b, poses[0].yaw)]
     fits = [fit(a, b, pose) for pose in poses]
-    evidence = [found.evidence_m(trust.min_agreement) for found in fits]
+    evidence = [found.evidence_m for found in fits]
     best = int(np.argmax(evidence))
     x, y = mean_point(b.walls).tolist()
     judged = zip(poses, evidence, strict=True)
@@ -312,13 +301,13 @@ def match_maps(
     overlap = evidence[best] / min(a.wall_m, b.wall_m)
     confidence, agreement = proposal.confidence, fits[best].agreement
     refusal = ""
-    if confidence < trust.min_confidence:
-        refusal = f"confidence {confidence:.2f} of the features is below {trust.min_confidence}"
-    elif agreement < trust.min_agreement:
-        refusal = f"agreement {agreement:.2f} of the grids is below {trust.min_agreement}"
-    elif overlap < trust.min_overlap:
-        refusal = f"only {overlap:.0%} of the smaller map's wall is shared, less than {trust.min_overlap:.0%}"
-    elif rival > trust.max_rival:
+    if confidence < MIN_CONFIDENCE:
+        refusal = f"confidence {confidence:.2f} of the features is below {MIN_CONFIDENCE}"
+    elif agreement < MIN_AGREEMENT:
+        refusal = f"agreement {agreement:.2f} of the grids is below {MIN_AGREEMENT}"
+    elif overlap < MIN_OVERLAP:
+        refusal = f"only {overlap:.0%} of the smaller map's wall is shared, less than {MIN_OVERLAP:.0%}"
+    elif rival > MAX_RIVAL:
         refusal = f"ambiguous: another placement has {rival:.0%} of the best one's evidence"
     return MapMatch(None if refusal else poses[best], refusal, confidence, evidence[best])
 

@@ -8,9 +8,9 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping import merge
 from midnet_bench.mapping.merge import (
     Fit,
-    MergeSettings,
     by_features,
     by_known_starts,
     compose,
@@ -91,15 +91,17 @@ def test_views_of_different_buildings_are_refused(seeds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", ["confidence", "agreement"])
-def test_features_and_grids_each_refuse_different_buildings(gate):
+def test_features_and_grids_each_refuse_different_buildings(gate, monkeypatch):
     rng = stream(3, "strangers")
     maps = []
     for _ in range(2):
         building = rooms(rng)
         maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
-    features_only = MergeSettings(max_scale_error=1e9, min_agreement=1e-9, min_overlap=-1e9)
-    grids_only = MergeSettings(max_scale_error=1e9, min_confidence=0.0)
-    refusal = match_maps(*maps, features_only if gate == "confidence" else grids_only).refusal
+    features_only = {"MIN_AGREEMENT": 1e-9, "MIN_OVERLAP": -1e9}
+    opened = features_only if gate == "confidence" else {"MIN_CONFIDENCE": 0.0}
+    for limit, value in {"MAX_SCALE_ERROR": 1e9, **opened}.items():
+        monkeypatch.setattr(merge, limit, value)
+    refusal = match_maps(*maps).refusal
     assert refusal.startswith(("confidence", "too few") if gate == "confidence" else ("agreement", "only"))
 
 
@@ -112,13 +114,14 @@ def test_a_square_room_is_not_merged_with_itself_turned():
 
 
 @pytest.mark.slow
-def test_a_building_that_half_a_turn_leaves_as_it_is_is_ambiguous():
+def test_a_building_that_half_a_turn_leaves_as_it_is_is_ambiguous(monkeypatch):
     labyrinth = render_exact(load_arena("map2"))
     match = match_maps(labyrinth, labyrinth)
     assert match.placement is None
     assert match.refusal.startswith("ambiguous")
     assert match.confidence > 1.0
-    believed = match_maps(labyrinth, labyrinth, MergeSettings(max_rival=1.1)).placement
+    monkeypatch.setattr(merge, "MAX_RIVAL", 1.1)
+    believed = match_maps(labyrinth, labyrinth).placement
     assert abs(math.sin(believed.yaw)) < 0.01
 
 
@@ -227,26 +230,27 @@ def test_start_poses_are_metres_in_the_common_frame():
         assert merged.data[row, column] == value
 
 
-def test_where_full_agreement_is_asked_for_a_contradiction_outweighs_all_that_is_shared():
-    assert Fit(2.0, 0.0).evidence_m(1.0) == 2.0
-    assert Fit(2.0, 0.05).evidence_m(1.0) == -math.inf
-    assert Fit(2.0, 1.0).evidence_m(0.5) == 1.0
+def test_evidence_is_all_that_is_shared_without_contradiction_and_none_at_the_least_agreement():
+    assert Fit(2.0, 0.0).evidence_m == 2.0
+    assert Fit(2.0, 0.1).evidence_m == pytest.approx(1.1)
+    assert Fit(9.0, 1.0).evidence_m == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.slow
-def test_a_stricter_setting_refuses_what_the_default_accepts():
+def test_a_stricter_limit_refuses_what_the_default_accepts(monkeypatch):
     rng = stream(8, "strict")
     left, right, _ = two_views(rooms(rng), rng, 0.75)
     match = match_maps(left, right)
     assert match.placement is not None
-    for stricter, word in (
-        ({"min_confidence": match.confidence + 0.1}, "confidence"),
-        ({"min_overlap": 5.0}, "only"),
-        ({"max_rival": 0.0}, "ambiguous"),
-        ({"max_scale_error": 0.0}, "features want"),
+    for limit, stricter, word in (
+        ("MIN_CONFIDENCE", match.confidence + 0.1, "confidence"),
+        ("MIN_OVERLAP", 5.0, "only"),
+        ("MAX_RIVAL", 0.0, "ambiguous"),
+        ("MAX_SCALE_ERROR", 0.0, "features want"),
     ):
-        refusal = match_maps(left, right, MergeSettings(**stricter)).refusal
-        assert refusal.startswith(word)
+        with monkeypatch.context() as limits:
+            limits.setattr(merge, limit, stricter)
+            assert match_maps(left, right).refusal.startswith(word)
 
 
 def test_maps_in_one_frame_are_laid_over_each_other():
