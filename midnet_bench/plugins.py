@@ -402,7 +402,7 @@ class Choice(NamedTuple):
 
 def _pinned_object(choice: Choice) -> Any:
     """What a pinned choice in a file names. Raises InputError: no such file is known, or no such name."""
-    digest, file, name = choice.pin, *choice.place.split(":")
+    digest, (file, _, name) = choice.pin, choice.place.rpartition(":")
     if digest not in _KNOWN:
         raise InputError(f"{choice}: no file with the digest {digest} is known here; give its path")
     if _KNOWN[digest].pickled:

@@ -216,6 +216,7 @@ def test_a_package_whose_entry_points_cannot_be_read_costs_itself_and_a_line(
         ("mine.py:Nobody", "no 'Nobody' in mine.py"),
         ("gone.py:Mine", "gone.py cannot be read"),
         ("mine.py:Mine#000000000000", "no file with the digest"),
+        ("a:mine.py:Mine#000000000000", "no file with the digest"),
         ("mine.py:Mine(prior_map=1)", "no option 'prior_map'"),
         ("no_such_package.here:Mine", "ModuleNotFoundError"),
         ("os.path:join", "expected a class with a method 'detect'"),
