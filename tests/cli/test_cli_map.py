@@ -47,6 +47,7 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.slow
 def test_an_explored_map_is_the_arena(explored: Path) -> None:
     grid = load_map(explored / "map.yaml")
     assert set(np.unique(grid.data).tolist()) == {-1, 0, 100}
@@ -58,6 +59,7 @@ def test_an_explored_map_is_the_arena(explored: Path) -> None:
     assert (explored / "map.yaml").read_text().startswith("# two small rooms, seed 1: explored by 2 Burgers")
 
 
+@pytest.mark.slow
 def test_an_exploration_leaves_scores_robots_configuration_and_provenance(explored: Path) -> None:
     assert "|twosmallrooms|2|1|" in (explored / "scores.md").read_text().replace(" ", "")
     assert [row["robot"] for row in rows(explored / "robots.csv")] == ["explorer 1", "explorer 2"]
@@ -69,6 +71,7 @@ def test_an_exploration_leaves_scores_robots_configuration_and_provenance(explor
     assert run["libraries"]["pybullet"]
 
 
+@pytest.mark.slow
 def test_an_exploration_is_drawn(explored: Path) -> None:
     growth = cv2.imread(str(explored / "growth.png"))
     assert growth is not None
@@ -132,6 +135,7 @@ def test_a_campaigns_trial_is_the_exploration_of_that_seed(explored: Path) -> No
     assert (folder / "teams" / "mapping.png").exists()
 
 
+@pytest.mark.slow
 def test_guards_take_an_explored_map(explored: Path) -> None:
     run = ("detection", "--arena", "rooms.yaml", "--frames", 5, "--robots", 1, "-o", "detection")
     worked(*run, "--map", "out/map.yaml", folder=explored.parent)

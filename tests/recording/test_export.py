@@ -120,7 +120,10 @@ def detected() -> list[list[Box]]:
     return found
 
 
-@pytest.fixture(scope="module", params=list(ENDINGS))
+FORMATS = [name if name == "mcap" else pytest.param(name, marks=pytest.mark.slow) for name in ENDINGS]
+
+
+@pytest.fixture(scope="module", params=FORMATS)
 def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Said]:
     path = tmp_path_factory.mktemp(request.param) / "made" / f"trial{ENDINGS[request.param]}"
     told: list[tuple[int, int]] = []

@@ -150,6 +150,7 @@ def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
     assert any(one.startswith("on fast: drive: told 0.24 m/s") for one in weak), weak
 
 
+@pytest.mark.slow
 def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
     (folder / "mine.py").write_text(GOOD)
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
