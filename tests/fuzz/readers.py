@@ -299,8 +299,9 @@ def _as_json(text: bytes) -> bytes:
         return text
 
 
-_BOUNDED = {name: ("-n",) for name in ("detection", "labyrinth", "run")} | {
-    "map": ("--exact", "--exact"),  # an option that lacks its value takes the first
+# an option that lacks its value takes the first of two
+_BOUNDED = {name: ("-n", "-n") for name in ("detection", "labyrinth", "run")} | {
+    "map": ("--exact", "--exact"),
     "render": ("--frames", "2", "--robots", "1", "--no-clip", "--engine", "fast"),
 }
 """what ends a command line, so that its trials are few or none"""
