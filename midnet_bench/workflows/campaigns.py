@@ -223,7 +223,7 @@ def compile_kernels() -> None:
         parts += [partial(_run_short, name, engine=engine) for name in ("mapping", "detection", "labyrinth")]
         slipping: dict[str, Scalar] = {"robots": 3, "odometry": "encoder", "localization": "ukf+map"}
         parts += [partial(_run_short, name, engine=engine, **slipping) for name in ("detection", "labyrinth")]
-    joblib.Parallel(n_jobs=2)(joblib.delayed(part)() for part in parts)
+    joblib.Parallel(n_jobs=2, backend="multiprocessing")(joblib.delayed(part)() for part in parts)
 
 
 def _drive_a_team() -> None:
