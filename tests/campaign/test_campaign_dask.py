@@ -1,6 +1,7 @@
 """Campaigns on a real Dask scheduler with two workers, all in processes of their own on loopback."""
 
 import contextlib
+import importlib
 import json
 import os
 import shutil
@@ -10,21 +11,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from multiprocessing import active_children
 from pathlib import Path
 
 import pytest
 
 from midnet_bench.campaign.definition import Campaign, load_campaign, parse_campaign, resolve
-from midnet_bench.campaign.runner import run_campaign
+from midnet_bench.campaign.runner import Interrupted, Progress, run_campaign
 from midnet_bench.campaign.store import open_store
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
 from tests.campaign import dice
 from tests.campaign.campaign_process import environment, exported, finish, start, wait_for
-from tests.cli.command import in_its_own_process, worked
 
-distributed = pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
+pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
+dask_pool = importlib.import_module("midnet_bench.campaign.dask_pool")
 
 PLAIN = {"grid": {"coins": [1, 2, 3], "table": ["wood", "glass"]}, "trials": 3}
 HERE = ("--host", "127.0.0.1")
@@ -90,27 +93,27 @@ def one_worker(folder: Path, path: Path | None = None) -> contextlib.AbstractCon
 
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a scheduler with one worker."""
-    folder = tmp_path_factory.mktemp("cluster")
-    with scheduler_in(folder) as address, one_worker(folder):
-        yield address
-
-
-@pytest.fixture(scope="module")
-def two_mended_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a scheduler with two workers, each of which is started again when it dies."""
-    two, folder = ("--nthreads", "1", "--nworkers", "2"), tmp_path_factory.mktemp("mended")
+    """The address of a scheduler with one worker, which is started again when it dies."""
+    one, folder = ("--nthreads", "1", "--nworkers", "1"), tmp_path_factory.mktemp("cluster")
     with (
         scheduler_in(folder) as address,
-        process_of(serve("distributed.cli.dask_worker", *HERE, *two, folder=folder)),
+        process_of(serve("distributed.cli.dask_worker", *HERE, *one, folder=folder)),
     ):
         yield address
 
 
-def run(directory: Path, scheduler: str | None, **keys: object) -> None:
+@pytest.fixture(scope="module")
+def deserted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    """The folder and the address of a scheduler without workers; tests leave it so."""
+    folder = tmp_path_factory.mktemp("deserted")
+    with scheduler_in(folder) as address:
+        yield folder, address
+
+
+def run(directory: Path, scheduler: str | None, progress: Progress | None = None, **keys: object) -> None:
     campaign = Campaign.model_validate({"experiment": "coins", **PLAIN, **keys})
-    backend = "dask" if scheduler else "loky"
-    run_campaign(resolve(campaign, coins), directory, jobs=2, backend=backend, scheduler=scheduler)
+    where = {"backend": "dask", "scheduler": scheduler} if scheduler else {}
+    run_campaign(resolve(campaign, coins), directory, jobs=2, progress=progress, **where)
 
 
 @pytest.mark.slow
@@ -123,15 +126,20 @@ def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, schedule
 
 @pytest.mark.slow
 def test_without_an_address_a_cluster_of_this_machine_is_started_and_ended(tmp_path: Path) -> None:
-    pytest.importorskip("dask")
-    there, here = tmp_path / "there", tmp_path / "here"
-    command = ("detection", "--engine", "fast", "--frames", "3", "--robots", "1,2", "--seeds", "1", "-q")
-    cluster = in_its_own_process(*command, "--backend", "dask", "--jobs", 2, "-o", there, folder=tmp_path)
-    assert cluster.returncode == 0, cluster.stderr
-    worked(*command, "--jobs", 1, "-o", here, folder=tmp_path)
-    assert (there / "scores.csv").read_bytes() == (here / "scores.csv").read_bytes()
-    listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
-    assert str(there) not in listed
+    """A command does the same in test_howto.py."""
+    before, during = {*active_children()}, set()
+
+    class Watching(Progress):
+        def advance(self, outcome: Outcome) -> None:
+            during.update({*active_children()} - before)
+
+    campaign = resolve(Campaign.model_validate({"experiment": "coins", **PLAIN}), coins)
+    run_campaign(campaign, tmp_path / "cluster", jobs=2, backend="dask", progress=Watching())
+    assert len(during) == 2
+    assert {*active_children()} <= before
+    run(tmp_path / "here", None)
+
+    assert exported(tmp_path / "cluster") == exported(tmp_path / "here")
 
 
 @pytest.mark.slow
@@ -191,18 +199,16 @@ def test_a_trial_that_raises_fails_alone(tmp_path: Path, scheduler: str) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trouble", ["die", "spin"])
-def test_a_trial_that_its_workers_die_of_fails_alone(
-    tmp_path: Path, two_mended_workers: str, trouble: str
-) -> None:
+def test_a_trial_that_its_workers_die_of_fails_alone(tmp_path: Path, scheduler: str) -> None:
     """One that is over its time limit takes its worker along: Dask runs it outside the main thread."""
-    last_line = failure_of_the_second_trial(tmp_path / "run", two_mended_workers, trouble)
-    assert "its worker died twice" in last_line
+    for trouble in ("die", "wait"):
+        last_line = failure_of_the_second_trial(tmp_path / trouble, scheduler, trouble)
+        assert "its worker died twice" in last_line
 
 
 def failure_of_the_second_trial(directory: Path, scheduler: str, trouble: str) -> str:
     """The last line of its traceback; the other three trials have finished."""
-    parameters = {"trouble": trouble, "trouble_seed": 2}
+    parameters = {"trouble": trouble, "trouble_seed": 2, "trouble_file": "nowhere"}
     run(directory, scheduler, grid={"coins": [1]}, trials=4, trial_timeout_s=0.5, parameters=parameters)
     with open_store(directory / "campaign.sqlite") as store:
         stored = {trial.seed: trial.traceback for trial in store.trials()}
@@ -224,11 +230,14 @@ def test_an_interrupt_leaves_the_cluster_in_order(tmp_path: Path, scheduler: str
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path: Path) -> None:
+def test_a_scheduler_that_does_not_answer_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_pool, "CONNECT_TIMEOUT_S", 0.5)
     with socket.socket() as mute:
         mute.bind(("127.0.0.1", 0))
         mute.listen()
-        with pytest.raises(InputError, match=r"no Dask scheduler answers there within 5 s") as caught:
+        with pytest.raises(InputError, match=r"no Dask scheduler answers there within 0\.5 s") as caught:
             run(tmp_path, f"tcp://127.0.0.1:{mute.getsockname()[1]}")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "campaign.sqlite").exists()
@@ -241,49 +250,44 @@ def test_an_address_that_is_none_is_one_line(tmp_path: Path, address: str) -> No
 
 
 @pytest.mark.slow
-def test_workers_with_another_version_are_refused(tmp_path: Path) -> None:
+def test_workers_with_another_version_are_refused(tmp_path: Path, deserted: tuple[Path, str]) -> None:
     other = tmp_path / "other" / "midnet_bench-9.9.9.dist-info"
     other.mkdir(parents=True)
     (other / "METADATA").write_text("Metadata-Version: 2.1\nName: midnet-bench\nVersion: 9.9.9\n")
 
+    folder, address = deserted
     with (
-        scheduler_in(tmp_path) as address,
-        one_worker(tmp_path, path=other.parent),
+        one_worker(folder, path=other.parent),
         pytest.raises(InputError, match=r"its workers have midnet-bench 9\.9\.9, here it is"),
     ):
         run(tmp_path / "results", address)
 
 
 @pytest.mark.slow
-def test_trials_wait_for_workers_longer_than_joblib_would(tmp_path: Path) -> None:
-    """The note comes after two seconds; it was after five that the campaign ended."""
-    with scheduler_in(tmp_path) as address:
-        process = start(tmp_path / "run", {"trials": 3}, backend="dask", scheduler=address)
-        wait_for(process, "note")
-        time.sleep(5.0)
-        assert process.poll() is None
-        with one_worker(tmp_path):
-            code, out, err = finish(process)
+def test_workers_that_come_and_leave_are_waited_for_and_an_interrupt_is_heard(
+    tmp_path: Path, deserted: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One comes when the campaign has said that there is none, and leaves after some trials; twice."""
+    monkeypatch.setattr(dask_pool, "TELL_AFTER_S", 0.2)
+    folder, address = deserted
+    notes: list[int] = []
+    worker = contextlib.ExitStack()
 
-    assert (code, err) == (0, "")
-    assert "done 3 0 3" in out
-    assert "note" not in out  # one was enough
+    class Attending(Progress):
+        stored = 0
 
+        def advance(self, outcome: Outcome) -> None:
+            self.stored += 1
+            worker.close()
 
-@pytest.mark.slow
-def test_workers_that_leave_in_the_middle_are_waited_for_and_an_interrupt_is_heard(tmp_path: Path) -> None:
-    long = {"trials": 400, "parameters": {"work_s": 0.1}}
-    with scheduler_in(tmp_path) as address:
-        with one_worker(tmp_path):
-            process = start(tmp_path / "run", long, backend="dask", scheduler=address)
-            wait_for(process, "stored", 2)
-        wait_for(process, "note")
-        with one_worker(tmp_path):
-            wait_for(process, "stored", 2)
-        wait_for(process, "note")
-        process.send_signal(signal.SIGINT)
-        code, _, err = finish(process)
+        def note(self, text: str) -> None:
+            notes.append(self.stored)
+            if len(notes) == 3:
+                signal.raise_signal(signal.SIGINT)
+            worker.enter_context(one_worker(folder))
 
-    assert code == 130
-    assert err.startswith("error: interrupted; ")
-    assert len(err.splitlines()) == 1
+    with worker, pytest.raises(Interrupted) as caught:
+        run(tmp_path, address, Attending(), trials=400, parameters={"work_s": 0.1})
+    assert 0 == notes[0] < notes[1] < notes[2]
+    assert caught.value.exit_code == 130
+    assert f"; {notes[2]} of 2400 trials are stored in " in str(caught.value)

@@ -18,7 +18,7 @@ SCORES = {1: dict.fromkeys((1, 2), (0.9, 0.5, math.nan))}
 def test_what_is_no_campaigns_folder_gets_a_hint(name: str, tmp_path: Path) -> None:
     detection_store(tmp_path / "one", SCORES)
     for place, said in (
-        ("one/campaign.sqlite", "give the campaign's folder, one"),
+        ("one/campaign.sqlite", "give a campaign's folder, one"),
         ("two", "two: there is no such folder"),
     ):
         assert said in one_line_of_complaint(midnet_bench(name, place, folder=tmp_path))
