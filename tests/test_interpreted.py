@@ -31,12 +31,12 @@ TRIALS = {
 TIMES = ("timing.csv", "labyrinth_speed.csv")
 
 
-def tables_of(command: str, folder: Path, disabled: str) -> dict[str, bytes]:
+def tables_of(command: str, folder: Path, **variables: str) -> dict[str, bytes]:
     """The CSV files that a process writes, by name, but for those of measured times."""
     (folder.parent / "room.yaml").write_text(ROOM)
     done = subprocess.run(
         [sys.executable, "-m", "midnet_bench", command, *TRIALS[command].split(), "-q", "-o", str(folder)],
-        env={**os.environ, "NUMBA_DISABLE_JIT": disabled},
+        env={**os.environ, **variables},
         cwd=folder.parent,
         capture_output=True,
         text=True,
@@ -49,8 +49,8 @@ def tables_of(command: str, folder: Path, disabled: str) -> dict[str, bytes]:
 @pytest.mark.slow
 @pytest.mark.parametrize("command", TRIALS)
 def test_a_trial_has_the_same_bytes_without_the_compiler(command: str, tmp_path: Path) -> None:
-    compiled = tables_of(command, tmp_path / "compiled", "0")
-    interpreted = tables_of(command, tmp_path / "interpreted", "1")
+    compiled = tables_of(command, tmp_path / "compiled")
+    interpreted = tables_of(command, tmp_path / "interpreted", NUMBA_DISABLE_JIT="1")
     assert compiled
     assert "failures.csv" not in compiled
     assert interpreted == compiled
