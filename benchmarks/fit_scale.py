@@ -2,10 +2,12 @@
 
     python -m benchmarks.fit_scale
 
-The rules, each committed before it was run, are in ``docs/studies/recordings-fit.md``. A drive is one robot's
-part of an exported detection trial: scans with the noise and the bias of the LiDAR's data sheet, poses as the
-robot's own filter has them, intruders that are on no map, and a map that robots explored. The mount that the
-fit is given is wrong, and so is the clock of the scans.
+Runs the second rule of ``docs/studies/recordings-fit.md``, which has both; each was committed before its run.
+The scale in the code is the one that the rules name among those that the study leaves them.
+
+A drive is one robot's part of an exported detection trial: scans with the noise and the bias of the LiDAR's
+data sheet, poses as the robot's own filter has them, intruders that are on no map, and a map that robots
+explored. The mount that the fit is given is wrong, and so is the clock of the scans.
 """
 
 import dataclasses
@@ -33,9 +35,8 @@ FARTHEST_M, LARGEST_TURN_RAD, LARGEST_DELAY_S = 0.15, math.radians(5.0), 0.02
 def errors_m(arena: str, seed: int, folder: Path) -> list[list[float]]:
     """Of each robot of one trial: metres by which the mount that is found is off, by each scale."""
     bag = folder / f"{arena}-{seed}.mcap"
-    parameters = {"arena": arena, "robots": ROBOTS, "frames": FRAMES, "engine": "fast"}
-    parameters["lidar_noise"] = "datasheet"
-    export_trial("detection", parameters, seed, bag)
+    trial = {"arena": arena, "robots": ROBOTS, "frames": FRAMES, "engine": "fast", "lidar_noise": "datasheet"}
+    export_trial("detection", trial, seed, bag)
     rng = stream(seed, "fit_scale", arena)
     late_s = float(rng.uniform(-LARGEST_DELAY_S, LARGEST_DELAY_S))
     rows = []

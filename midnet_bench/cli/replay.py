@@ -68,15 +68,16 @@ class ReplayOptions:
 
         chosen = RecordingSetup() if self.setup is None else RecordingSetup.load(self.setup)
         named = {key: by_name(getattr(self, key), f"--{key}") for key in ("pose", "truth", "start")}
-        starts: dict[str, Any] = {**named["start"]}
-        for name, text in named["start"].items():
-            if text != FOUND:
-                at = mount_of(text, "--start")
-                starts[name] = [at.x, at.y, math.degrees(at.yaw)]
+
+        def place_of(text: str) -> str | list[float]:
+            at = None if text == FOUND else mount_of(text, "--start")
+            return FOUND if at is None else [at.x, at.y, math.degrees(at.yaw)]
+
         given: dict[str, Any] = {
-            **{"map": self.map, "preset": self.preset},
+            "map": self.map,
+            "preset": self.preset,
             **named,
-            "start": starts,
+            "start": {name: place_of(text) for name, text in named["start"].items()},
             "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
         }
         changes = {key: value for key, value in given.items() if value}

@@ -214,14 +214,14 @@ def compile_ahead(campaign: ResolvedCampaign, show: Show = lambda done, total: N
 
 
 def compile_kernels() -> None:
-    """Run every compiled loop once, in two processes; about a minute without a cache."""
+    """Run every compiled loop once, in two processes; a minute and a half without a cache."""
     from midnet_bench.navigation.navigator import compile_kernels as compile_navigation
 
     # what has few loops in common stands side by side; the trials at the end find most of theirs
     parts: list[Callable[[], None]] = [compile_navigation, _drive_a_team, _map_a_drive]
+    slipping: dict[str, Scalar] = {"robots": 3, "odometry": "encoder", "localization": "ukf+map"}
     for engine in ("fast", "bullet") if find_spec("pybullet") else ("fast",):
         parts += [partial(_run_short, name, engine=engine) for name in ("mapping", "detection", "labyrinth")]
-        slipping: dict[str, Scalar] = {"robots": 3, "odometry": "encoder", "localization": "ukf+map"}
         parts += [partial(_run_short, name, engine=engine, **slipping) for name in ("detection", "labyrinth")]
     joblib.Parallel(n_jobs=2, backend="multiprocessing")(joblib.delayed(part)() for part in parts)
 

@@ -102,12 +102,12 @@ done < /proc/self/mounts
 for place in "$1" "$2" "$HOME" "$3"; do
     touch "$place" 2>&- && exit 1
 done
-mount -t tmpfs -o ro tmpfs /dev/shm && mount -t tmpfs tmpfs /media && mkdir /media/work /media/tmp || exit 1
-mount --bind "$1" /media/work && mount -o remount,bind,rw /media/work || exit 1
+mount -t tmpfs -o ro tmpfs /dev/shm && mount -t tmpfs tmpfs /media && mkdir /media/folder /media/tmp || exit 1
+mount --bind "$1" /media/folder && mount -o remount,bind,rw /media/folder || exit 1
 mount --bind "$2" /media/tmp && mount -o remount,bind,rw /media/tmp || exit 1
-mount -o remount,ro /media && cd /media/work && shift 3 && exec "$@"
+mount -o remount,ro /media && cd /media/folder && shift 3 && exec "$@"
 """
-"""runs a command that can write nowhere but in ``/media/work`` and ``/media/tmp``, which are the folders of
+"""runs a command that can write nowhere but in ``/media/folder`` and ``/media/tmp``, which are the folders of
 the first two arguments; the third is a place that must not be written"""
 
 
@@ -117,7 +117,7 @@ def test_a_user_who_may_write_nothing_else_gets_the_same_bytes_in_a_hostile_fold
 ) -> None:
     """No right of root, and everything read-only but the working folder and the one for temporary files."""
     hostile, temporary = tmp_path / "hostile", tmp_path / "temporary"
-    before = make_hostile(hostile, Path("/media/work/trap"))
+    before = make_hostile(hostile, Path("/media/folder/trap"))
     temporary.mkdir()
     kept = folder()
     if kept is not None:  # else everything would be compiled anew, which test_compiled.py does

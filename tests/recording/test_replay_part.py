@@ -56,7 +56,11 @@ def test_an_error_names_what_was_typed(tmp_path, keys, typed, named):
 
 @pytest.mark.parametrize(
     ("written", "named"),
-    [("from_s: 99", "from_s"), ("{from_s: 3, to_s: 2}", "to_s"), ("from_s: 4.97", "change from_s")],
+    [
+        ("from_s: 99", "setup.yaml: from_s: "),
+        ("{from_s: 3, to_s: 2}", "setup.yaml: to_s: "),
+        ("from_s: 4.97", "change from_s"),
+    ],
 )
 def test_an_error_names_the_setup_s_file_and_key(tmp_path, keys, written, named):
     (tmp_path / "setup.yaml").write_text(written)
