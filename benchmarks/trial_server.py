@@ -32,7 +32,9 @@ def main() -> None:
         spec = TrialSpec(asked["experiment"], parameters, asked["seed"])
         gc.collect()
         begin_s = cpu_s()
-        result = registry.run_trial(spec)
+        (result,) = registry.run_trials([spec])
+        if isinstance(result, Exception):
+            raise result
         answer = {
             "cpu_s": cpu_s() - begin_s,
             "simulated_s": result.simulated_s,

@@ -29,7 +29,7 @@ def campaign_folder(directory: Path, **campaign: Any) -> Path:
     from midnet_bench.campaign.definition import Campaign, resolve
     from midnet_bench.campaign.provenance import collect
     from midnet_bench.campaign.store import FILE_NAME, export_csv, open_or_create
-    from midnet_bench.campaign.trial import Outcome, encode_tables, run_alone
+    from midnet_bench.campaign.trial import Outcome, encode_tables
     from midnet_bench.experiments import registry
 
     resolved = resolve(Campaign.model_validate(campaign), registry)
@@ -37,7 +37,7 @@ def campaign_folder(directory: Path, **campaign: Any) -> Path:
     with open_or_create(directory / FILE_NAME, resolved.definition) as store:
         run_id = store.begin_run(collect(resolved.definition.base_seed, ["midnet-bench"]))
         for spec in resolved.trials():
-            result = run_alone(resolved.run_trials, spec)
+            (result,) = resolved.run_trials([spec])
             outcome = Outcome(spec.trial_id, 1.0, result.simulated_s, encode_tables(result))
             store.record(run_id, spec, outcome)
         store.end_run(run_id)

@@ -32,11 +32,8 @@ class DaskPool:
 
     Workers may come and go; while there are none, trials wait.
 
-    Args:
-        scheduler: its address, such as ``tcp://127.0.0.1:8786``; None for a cluster on this machine, which
-            ends with the pool.
-        note: receives one line when the trials begin to wait for a worker.
-        workers: of a cluster on this machine.
+    ``scheduler`` is an address such as ``tcp://127.0.0.1:8786``; None: a cluster of so many ``workers`` on
+    this machine, which ends with the pool. ``note`` gets a line when trials begin to wait for a worker.
 
     Raises:
         InputError: no scheduler answers at the address, or the workers lack this version of midnet-bench.

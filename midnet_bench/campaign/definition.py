@@ -185,16 +185,8 @@ class Definition:
         """How many cells the grid has."""
         return math.prod(len(values) for values in self.grid.values())
 
-    def cell_of(self, parameters: Mapping[str, Scalar]) -> dict[str, Scalar]:
-        """The factors' values among the ``parameters`` of a trial: which cell it belongs to."""
-        return {factor: parameters[factor] for factor in self.grid}
-
     def reference(self, directory: Path) -> str:
-        """What finds the experiment again: its name, or the reference to its file.
-
-        Args:
-            directory: the store's folder.
-        """
+        """What finds the experiment of the store in a folder: its name, or the reference to its file."""
         if self.experiment_file is None:
             return self.experiment
         _, name = _file_and_name(self.experiment)
@@ -322,12 +314,10 @@ def override(
 def parse_settings(
     settings: Iterable[str], map_file: Path | None = None, is_sweep: bool = False
 ) -> dict[str, Any]:
-    """``["capture=contact", "frames=200"]`` as a mapping, values read as YAML scalars.
+    """``["capture=contact", "frames=200"]`` of ``--set`` as a mapping, values read as YAML scalars.
 
-    Args:
-        settings: what ``--set`` gave.
-        map_file: what ``--map`` gave, which is short for ``prior_map``.
-        is_sweep: whether commas part several values, as :func:`values_of` reads them.
+    ``map_file``, of ``--map``, stands for ``prior_map``. ``is_sweep``: commas part several values, as
+    :func:`values_of` reads them.
 
     Raises:
         InputError: no ``=``, no key, a key given twice or known as another option, or no scalar.
@@ -354,14 +344,10 @@ def parse_settings(
 
 
 def values_of(text: str, option: str) -> Values:
-    """The value of an option, or all of them if commas part several; none parts inside brackets or quotes.
+    """The value of an option, or all of ``60,80`` or ``midnet,clusters(noise_m=0.02, min_returns=3)``.
 
-    Args:
-        text: such as ``60,80``, or ``midnet,clusters(noise_m=0.02, min_returns=3)``.
-        option: what a message begins with.
-
-    Raises:
-        InputError: one is missing or no scalar.
+    Commas inside brackets or quotes part none. Raises InputError, which begins with ``option``, if a value is
+    missing or no scalar.
     """
     parts: list[str] = []
     for piece in text.split(","):
@@ -529,13 +515,7 @@ def _baseline(compare: Baseline | None, grid: Mapping[str, Sequence[Scalar]]) ->
 def same_trials(
     grid: Iterable[str], cells: Sequence[Mapping[str, Scalar]], same: Sequence[Hashable]
 ) -> list[str]:
-    """Which cells give the trials of others, in a line.
-
-    Args:
-        grid: the factors.
-        cells: every cell's parameters.
-        same: what a cell's trials have in common with those of other cells that give the same numbers.
-    """
+    """Which cells give the trials of others, those of an equal value in ``same``, in a line."""
     first: dict[Hashable, Mapping[str, Scalar]] = {}
     pairs = [(cell, first.setdefault(key, cell)) for cell, key in zip(cells, same, strict=True)]
     twins = [(own, other) for own, other in pairs if own is not other]

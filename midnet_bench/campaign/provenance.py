@@ -52,9 +52,7 @@ Provenance = dict[str, str | int | bool | dict[str, str] | None]
 def collect(seed: int, command: Sequence[str] | None = None) -> Provenance:
     """What is known about this run, ready for JSON: names to text, numbers, or ``libraries`` by name.
 
-    Args:
-        seed: the base seed that everything random is derived from.
-        command: the command line, this process's own unless given.
+    ``seed``: the base seed; ``command``: this process's own unless given.
     """
     commit, dirty = _commit()
     return {

@@ -161,14 +161,10 @@ class StoredTrial:
     def tables(
         self, expected: Tables = MappingProxyType({}), factors: Iterable[str] = ()
     ) -> dict[str, list[Row]]:
-        """The tables of a finished trial.
-
-        Args:
-            expected: the experiment's tables; see :func:`~midnet_bench.campaign.trial.check_tables`.
-            factors: of the campaign's grid, to name the trial by.
+        """The tables of a finished trial, which messages name by the grid's ``factors``.
 
         Raises:
-            InputError: they are none that a trial has, or none of the experiment's.
+            InputError: they are none that a trial has, or none of the ``expected`` ones (``check_tables``).
         """
         if self.payload is None:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
@@ -210,8 +206,7 @@ class Store:
         self.path = path
         self._connection = connection
         self._identity = _identity(path)
-        self._written: set[int] = set()
-        """numbers of cells whose parameters are there"""
+        self._written: set[int] = set()  # numbers of cells whose parameters are there
 
     def __enter__(self) -> "Store":
         return self
@@ -403,8 +398,7 @@ class Store:
     def inventory(self, known: Iterable[Cell] = ()) -> Inventory:
         """Which trials are there and as they were written; their results are not unpacked.
 
-        Args:
-            known: cells of the campaign, whose parameters may be damaged in the store.
+        ``known``: cells of the campaign, whose parameters may be damaged in the store.
         """
         cells = self._cells() | {cell.number: cell for cell in known}
         finished: dict[int, set[int]] = {number: set() for number in cells}
@@ -457,11 +451,6 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
     on them. ``failures.csv`` names the trials that failed; it is there only if some did. One trial is in
     memory at a time, however many there are. The same trials give the same bytes, wherever they ran.
 
-    Args:
-        store: open.
-        directory: for the files.
-        expected: the tables that the campaign's experiment has; any do if it declares none.
-
     Raises:
         InputError: a trial is damaged or its tables are others, or the folder cannot be written. No file is
             written then.
@@ -479,7 +468,10 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
 
         add(TIMING, {}, [])
         for trial in store.trials():
-            key: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
+            key: Row = {
+                **{factor: trial.parameters[factor] for factor in definition.grid},
+                "seed": trial.seed,
+            }
             timing: Row = {name: getattr(trial, name) for name in TIMING_TABLE[TIMING].columns}
             try:
                 check_tables(TIMING_TABLE, {TIMING: [timing]}, key)

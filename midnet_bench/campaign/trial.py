@@ -112,14 +112,6 @@ A pure function of the specs; what it raises has nothing to do with one trial mo
 """
 
 
-def run_alone(run_trials: RunTrials, spec: TrialSpec) -> TrialResult:
-    """One trial by itself. Raises what it failed by."""
-    (result,) = run_trials([spec])
-    if isinstance(result, Exception):
-        raise result
-    return result
-
-
 class Sharing(NamedTuple):
     """What tells which trials of one seed have work in common."""
 
@@ -226,12 +218,9 @@ TIMING_TABLE: Tables = {
 
 
 def check_tables(expected: Tables, tables: Mapping[str, Sequence[Row]], trial: Mapping[str, Scalar]) -> None:
-    """Whether one trial's tables are those that its experiment has.
+    """Whether one trial's tables are those that its experiment has; any do if ``expected`` is empty.
 
-    Args:
-        expected: any tables do if it is empty.
-        tables: rows of plain values by name.
-        trial: its parameters and its seed.
+    ``trial``: its parameters and its seed.
 
     Raises:
         ValueError: which table and column are missing, odd or of another kind, in one line.

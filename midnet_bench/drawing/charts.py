@@ -57,7 +57,7 @@ AXIS_LABELS = {
     "lidar_dropout": "share of beams without return",
     "intruder_speed_mps": "intruders' top speed, m/s",
 }
-UNITS = {
+UNITS = {  # end of a name -> its unit
     "_mps2": "m/s²",
     "_radps": "rad/s",
     "_percent": "%",
@@ -68,7 +68,6 @@ UNITS = {
     "_m": "m",
     "_s": "s",
 }
-"""end of a name -> its unit"""
 
 
 class Style(NamedTuple):
@@ -79,14 +78,13 @@ class Style(NamedTuple):
     dash: str | tuple[int, tuple[float, ...]]
 
 
-STYLES = (
+STYLES = (  # Okabe and Ito's colours
     Style("#0072B2", "o", "-"),
     Style("#D55E00", "s", "--"),
     Style("#009E73", "^", "-."),
     Style("#CC79A7", "D", ":"),
     Style("#000000", "v", (0, (5, 1, 1, 1, 1, 1))),
 )
-"""Okabe and Ito's colours"""
 
 
 @contextlib.contextmanager
@@ -144,14 +142,9 @@ def panel_figure(
 ) -> Figure:
     """Panels of estimates with their intervals: a line for each series over numbers, points over texts.
 
-    Args:
-        panels: row by row.
-        x: label of the axis that they have in common.
-        title: of the figure.
-        method: of the intervals, for its foot.
-        columns: of panels, at most.
-        styles: label -> a style of its own; the others have ``STYLES`` in turn.
-        note: for its foot too.
+    ``panels`` stand row by row, in so many ``columns`` at most; ``x`` is the label of the axis that they have
+    in common. The ``method`` of the intervals and the ``note`` stand at the foot. ``styles``: label -> an own
+    style; the others have ``STYLES`` in turn.
     """
     places = list(dict.fromkeys(x for panel in panels for points in panel.series.values() for x in points))
     is_text = any(isinstance(place, str) for place in places)
@@ -240,11 +233,9 @@ def scores_figure(
 
 
 def axis_label(name: str, explanation: str = "") -> str:
-    """What an axis says of a column or a parameter.
+    """What an axis says of a column or a parameter, such as ``message_delay_s``.
 
-    Args:
-        name: such as ``message_delay_s``.
-        explanation: its help; the first clause, where it is short, stands for a name that is not known here.
+    The first clause of its help, ``explanation``, stands for a name that is not known here if it is short.
     """
     if name in AXIS_LABELS:
         return AXIS_LABELS[name]
@@ -307,12 +298,8 @@ def counted(estimates: Sequence[Estimate], method: str) -> str:
 def chart_files(figure: Figure, formats: Sequence[str] = FORMATS) -> dict[str, bytes]:
     """The figure's files by ending; the same figure gives the same bytes.
 
-    Args:
-        figure: to be written.
-        formats: of ``METADATA``.
-
     Raises:
-        InputError: there is no such format.
+        InputError: one of ``formats`` is none of ``METADATA``.
     """
     if unknown := [one for one in formats if one not in METADATA]:
         raise InputError(f"figure format '{unknown[0]}': use {', '.join(METADATA)}")
@@ -336,11 +323,8 @@ def times_figure(
 ) -> Figure:
     """The share of trials in which the intruder was found by each time, a step line for each team size.
 
-    Args:
-        times_s: team size -> a time for each trial, NaN if it was not found.
-        within_s: where the time ends.
-        probability: the threshold, a grey line.
-        done: ``found`` or ``caught``.
+    ``times_s``: team size -> a time for each trial, NaN if it was not found; the time ends at ``within_s``.
+    ``probability`` is a grey line; ``done`` is ``found`` or ``caught``.
     """
     figure = chart(5.6, 3.6)
     axes = figure.add_subplot()
@@ -364,12 +348,8 @@ def entrances_figure(
 ) -> Figure:
     """The building with a dot for each start of an intruder, coloured by how long the guards took.
 
-    Args:
-        walls: outlines, (n, 2) each, metres.
-        places: ``x_m``, ``y_m``, ``share``, ``median_s``, ``trials`` of each.
-        robots: the team's size.
-        within_s: the end of the colours' scale; places where most are not found are red crosses.
-        done: ``found`` or ``caught``.
+    ``walls``: outlines, (n, 2) each, metres; ``places``: ``x_m``, ``y_m``, ``share``, ``median_s`` of each;
+    those where most are not found within ``within_s`` are red crosses. ``done``: ``found`` or ``caught``.
     """
     corners = np.concatenate(list(walls))
     low, high = corners.min(axis=0) - 0.4, corners.max(axis=0) + 0.4

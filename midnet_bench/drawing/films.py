@@ -48,11 +48,7 @@ def mp4_file(path: Path, width: int, height: int, pictures_per_s: float) -> Iter
     H.264 in yuv420p, by the ffmpeg that imageio-ffmpeg brings along. ffmpeg is run here and not by that
     library's ``write_frames``, which does not look at how it ended: a full disk would go unnoticed.
 
-    Args:
-        path: its folder is made.
-        width: pixels, even.
-        height: pixels, even.
-        pictures_per_s: may be a fraction.
+    The folder is made. Width and height are even.
 
     Raises:
         InputError: the place cannot be written.
@@ -96,14 +92,7 @@ def mp4_file(path: Path, width: int, height: int, pictures_per_s: float) -> Iter
 def trial_video(setup: Setup, directory: Path, speed: float) -> Iterator[Callable[[Scene], None]]:
     """What appends a scene to ``trial.mp4`` and ``storyboard.png``, which are there once the context ends.
 
-    Args:
-        setup: of the trial.
-        directory: where to.
-        speed: how much faster than the trial's own time the film runs.
-
-    Raises:
-        InputError: the place cannot be written.
-        MidnetBenchError: there is no room, or ffmpeg fails.
+    The film runs ``speed`` times as fast as the trial. Raises what :func:`mp4_file` does.
     """
     painter, storyboard, rate = ScenePainter(setup, speed), Storyboard(setup), setup.frame_hz * speed
     with mp4_file(directory / "trial.mp4", WIDTH, HEIGHT, rate) as append_picture:

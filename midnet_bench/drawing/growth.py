@@ -133,11 +133,8 @@ def draw_map(
 ) -> Picture:
     """The known part of a map, and all true walls, with each robot's path on it, metres of the map frame.
 
-    Args:
-        grid: int8, 100 occupied, 0 free, -1 unknown.
-        paths: of each robot, (k, 3) or (k, 2) poses in driving order.
-        title: stands above.
-        walls: outlines of the true walls, (n, 2) each, where they are known.
+    ``grid``: int8, 100 occupied, 0 free, -1 unknown; ``paths``: of each robot, (k, 3) or (k, 2) poses in
+    driving order; ``walls``: outlines of the true walls, (n, 2) each, where they are known.
     """
     corners = np.array([*known_corners(grid), *(corner for wall in walls for corner in wall)])
     view = Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-MAP_MARGIN_M)
@@ -292,10 +289,9 @@ CELLS: tuple[Entry, ...] = (
     swatch(SHADES[FREE], "free", FAINT_INK),
     swatch(SHADES[UNKNOWN], "unknown"),
 )
-ENTRIES: tuple[Entry, ...] = (
+ENTRIES: tuple[Entry, ...] = (  # what the marks of a film mean
     *CELLS,
     (burger(color_of(0)), "robot, on the map where it believes to be"),
     (lambda canvas: canvas.line([(-14.0, 0.0), (12.0, 0.0)], color_of(0), 2), "its path"),
     (lambda canvas: canvas.cross((0.0, 0.0), color_of(0)), "its goal"),
 )
-"""what the marks of a film mean"""

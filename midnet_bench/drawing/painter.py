@@ -50,18 +50,16 @@ MARGIN_M = 0.25  # around an arena
 LEG_PX, AT_GOAL_PX = 8.0, 24.0
 """kept free of labels about a leg; a robot nearer to its goal has one number for both"""
 ARM, DASHES = 0.45, 10  # length of a sign's corner as a part of half its side; dashes of the ring
-CORNERS: tuple[Floats, ...] = tuple(
+CORNERS: tuple[Floats, ...] = tuple(  # (3, 2) each, in the square from -1 to 1
     np.array([(x * (1.0 - ARM), y), (x, y), (x, y * (1.0 - ARM))])
     for x, y in ((-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
 )
-"""(3, 2) each, in the square from -1 to 1"""
-RING: tuple[Floats, ...] = tuple(
+RING: tuple[Floats, ...] = tuple(  # (4, 2) each, on the circle of radius 1
     np.array(
         [(math.cos(angle), math.sin(angle)) for angle in np.linspace(start, start + math.pi / DASHES, 4)]
     )
     for start in np.linspace(0.0, 2.0 * math.pi, DASHES, endpoint=False)
 )
-"""(4, 2) each, on the circle of radius 1"""
 
 SHADES: tuple[RGB, ...] = (
     WHITE,
@@ -182,8 +180,7 @@ class Labels:
     def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
         self._size = np.array(canvas.picture.shape[1::-1])
-        self._taken: list[Floats] = []
-        """columns and rows from and to, y down"""
+        self._taken: list[Floats] = []  # columns and rows from and to, y down
 
     def keep_free(self, at: Point, half_px: float) -> None:
         """Let no label lie so near to (x, y), metres, if there is another place."""
@@ -411,8 +408,7 @@ class WorldPanel:
         self._still = blank_page(width_px, height_px or width_px)
         canvas = Canvas(self._still, self.view)
         paint_floor_plan(canvas, setup.plan)
-        self.enlarged = canvas.enlarged
-        """how many times as large as they are robots are drawn"""
+        self.enlarged = canvas.enlarged  # how many times as large as they are robots are drawn
 
     def paint(self, picture: Picture, scene: Scene) -> None:
         """Fill ``picture``, (height, width, 3)."""
@@ -525,12 +521,7 @@ SQUARE, SWATCH = Box.square(0.0, 0.0, 2.0 * MARK_PX), Box(-8.0, -6.0, 8.0, 6.0)
 
 
 def world_legend(setup: Setup, scenes: Sequence[Scene] | None = None) -> list[Entry]:
-    """The marks of the true world.
-
-    Args:
-        setup: of the trial.
-        scenes: that are shown; None for a whole trial, which may show all that its setup allows.
-    """
+    """The marks of the true world in some scenes; None: of a whole trial, all that its setup allows."""
     have_paths = scenes is None or any(robot.goal for scene in scenes for robot in scene.robots)
     return [
         *_if(setup.guards, burger(GUARD, 4.0), "guard"),

@@ -4,6 +4,8 @@ A trial's tables are held to them when it ends and when a store or a CSV file is
 the bounds of ``compare --exact`` are made of them. No factor of a grid may have the name of a column.
 """
 
+from functools import partial
+
 from midnet_bench.campaign.trial import ANY_DRIFT, LARGEST, Column, Columns, Drift, Tables
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
@@ -12,53 +14,41 @@ FEW, LENGTH, FIFTH, TENTH, ONE = Drift(20.0, 0.5), Drift(0.0, 0.3), Drift(0.0, 0
 """physics in floating point parts ways between processors, and after a minute robots are elsewhere"""
 
 
-def _count(about: str, drift: Drift | None = None) -> Column:
-    return Column(int, about, drift=drift)
-
-
-def _event(about: str) -> Column:
-    """A count that differs between platforms."""
-    return Column(int, about, drift=ANY_DRIFT)
-
-
-def _share(about: str, may_be_empty: bool = True, drift: Drift | None = None) -> Column:
-    return Column(float, about, most=1.0, may_be_empty=may_be_empty, drift=drift)
-
-
-def _metres(about: str, drift: Drift | None = None, may_be_empty: bool = False) -> Column:
-    return Column(float, about, "m", may_be_empty=may_be_empty, drift=drift)
-
-
-def _seconds(about: str, drift: Drift | None = None, may_be_empty: bool = False) -> Column:
-    return Column(float, about, "s", may_be_empty=may_be_empty, drift=drift)
-
+_count = partial(Column, int)
+_event = partial(Column, int, drift=ANY_DRIFT)  # a count that differs between platforms
+_share = partial(Column, float, most=1.0, may_be_empty=True)
+_metres = partial(Column, float, unit="m")
+_coordinate = partial(Column, float, unit="m", least=-LARGEST)
+_seconds = partial(Column, float, unit="s")
+_packed = partial(Column, str, longest=LONGEST_RECORD)
 
 FRAME = Column(int, "counted from 1", least=1)
-COUNTS = {
+COUNTS = {  # as ``scoring.frame_counts.FrameCounts`` has them
     "tp": _count(
         "boxes that overlap some intruder; with `tp_boxes=one_per_intruder` or `surplus_false` one box for "
         "each, `matched`",
-        FIFTH,
+        drift=FIFTH,
     ),
-    "fp": _count("boxes that overlap none; with `tp_boxes=surplus_false` the `duplicates` too", FEW),
-    "fn": _count("intruders in range that no box overlaps", FEW),
-    "intruders_in_range": _count("intruders within the usable range of some guard", FIFTH),
-    "matched": _count("one-to-one matching: pairs of an intruder and a box", FIFTH),
+    "fp": _count("boxes that overlap none; with `tp_boxes=surplus_false` the `duplicates` too", drift=FEW),
+    "fn": _count("intruders in range that no box overlaps", drift=FEW),
+    "intruders_in_range": _count("intruders within the usable range of some guard", drift=FIFTH),
+    "matched": _count("one-to-one matching: pairs of an intruder and a box", drift=FIFTH),
     "duplicates": _count(
         "one-to-one matching: further boxes on intruders that have theirs; `matched + duplicates` is `tp` "
         "by default",
-        FEW,
+        drift=FEW,
     ),
-    "missed": _count("one-to-one matching: intruders in range without a box", FEW),
-    "error_sum_m": _metres("distance from box centre to intruder centre, summed over the pairs", LENGTH),
+    "missed": _count("one-to-one matching: intruders in range without a box", drift=FEW),
+    "error_sum_m": _metres(
+        "distance from box centre to intruder centre, summed over the pairs", drift=LENGTH
+    ),
     "gospa_m": _metres(
         "GOSPA: distances of pairs, and 0.5 m for each miss and each false or further box "
         "(`docs/metrics.md`)",
-        FEW,
+        drift=FEW,
     ),
 }
-"""as ``scoring.frame_counts.FrameCounts`` has them"""
-CAUSES = {
+CAUSES = {  # as ``scoring.causes.Causes`` has them
     "fn_hidden": _event(
         "of `fn`: no beam of any guard meets the intruder within range at the frame's instant"
     ),
@@ -73,7 +63,6 @@ CAUSES = {
         "of `fn` in the local costmap of some guard: out of range, or of every costmap, one frame before"
     ),
 }
-"""as ``scoring.causes.Causes`` has them"""
 PATROL = {
     "patrol_relaxations": _event(
         "how often the least distance between patrol goals (Eq. 12) was shrunk by a tenth because no point "
@@ -98,10 +87,10 @@ SCORES = Columns(
 EXPLORERS = Columns(
     {
         "robot": Column(str, "its name, such as `guard 1`"),
-        "distance_m": _metres("path length driven", Drift(1.0, 0.3)),
+        "distance_m": _metres("path length driven", drift=Drift(1.0, 0.3)),
         "goals_reached": _event("how many"),
         "goals_given_up": _event("how many"),
-        "stuck_s": _seconds("time without progress towards its goal", ANY_DRIFT),
+        "stuck_s": _seconds("time without progress towards its goal", drift=ANY_DRIFT),
         "collisions": _event("contacts with walls, intruders or robots that began"),
         "walls_crossed": _count(
             "walls that its centre went through; anything but 0 is a failure of the physics"
@@ -109,8 +98,8 @@ EXPLORERS = Columns(
         "recoveries": _event("recovery behaviours of its navigator"),
         "pose_error_m": _metres(
             "distance between believed and true position at the end; empty for a robot that has left",
-            TENTH,
-            True,
+            drift=TENTH,
+            may_be_empty=True,
         ),
     },
     "One row per trial and robot.",
@@ -133,11 +122,7 @@ METRICS = Columns(
 )
 
 
-def _packed(about: str) -> Column:
-    return Column(str, about, longest=LONGEST_RECORD)
-
-
-RECORDED = Columns(
+RECORDED = Columns(  # as ``guarded.record.RecordedFrame`` has them
     {
         "frame": FRAME,
         "poses": _packed(
@@ -163,14 +148,9 @@ RECORDED = Columns(
     "lengths are millimetres, angles milliradians, map frame.",
     optional=True,
 )
-"""as ``guarded.record.RecordedFrame`` has them"""
 
 
-def _corner(about: str) -> Column:
-    return Column(float, about, "m", least=-LARGEST)
-
-
-ERRORS = Columns(
+ERRORS = Columns(  # as ``guarded.record.Recorder`` has them
     {
         "frame": FRAME,
         "kind": Column(
@@ -178,25 +158,20 @@ ERRORS = Columns(
             "`false`: a box on no intruder; `fragment`: a further box on one that has its own",
             choices=("miss", "false", "fragment"),
         ),
-        "cause": Column(
-            str,
-            "why ([errors.md](errors.md))",
-            choices=tuple({**MISS_CAUSES, **FALSE_CAUSES}),
-        ),
+        "cause": Column(str, "why ([errors.md](errors.md))", choices=tuple({**MISS_CAUSES, **FALSE_CAUSES})),
         "guard": _count("number of the guard at which it came about, 0 for none"),
         "intruder": Column(str, "of a miss, its name"),
         "by": Column(str, "another that had a part: what stands before the intruder, whose trail it is"),
         "age_s": _seconds("since the newest return that has a part"),
         "offset_m": _metres("the error of position that did it, or how far an intruder has moved"),
-        "x_min_m": _corner("of the box, or of the missed intruder's true one"),
-        **dict.fromkeys(("y_min_m", "x_max_m", "y_max_m"), _corner("likewise")),
+        "x_min_m": _coordinate("of the box, or of the missed intruder's true one"),
+        **dict.fromkeys(("y_min_m", "x_max_m", "y_max_m"), _coordinate("likewise")),
         "paper": Column(bool, "whether the paper's counts, `tp_boxes=every`, have it too, as `fn` or `fp`"),
     },
     "One row per trial and error, only with `record`: intruders in range without a box, boxes without an "
     "intruder, by one-to-one matching.",
     optional=True,
 )
-"""as ``guarded.record.Recorder`` has them"""
 
 DETECTION: Tables = {
     "scores": SCORES,
@@ -215,7 +190,7 @@ LABYRINTH: Tables = {
             "success_rate": Column(
                 float, "Eq. 11: share of the intruders that were caught", "%", most=100.0, drift=Drift(50.0)
             ),
-            "duration_s": _seconds("simulated", ANY_DRIFT),
+            "duration_s": _seconds("simulated", drift=ANY_DRIFT),
             "ended": Column(str, "`nobody left`, or `time limit`", drift=ANY_DRIFT),
             **PATROL,
             "targets": _event("tracks of boxes that guards could pursue, 0 under `pursuit=oracle`"),
@@ -234,7 +209,7 @@ LABYRINTH: Tables = {
                 drift=ANY_DRIFT,
             ),
             **{
-                f"{what}_at_s": _seconds(about, ANY_DRIFT, may_be_empty=True)
+                f"{what}_at_s": _seconds(about, drift=ANY_DRIFT, may_be_empty=True)
                 for what, about in {
                     "detected": "since the start of the trial; empty if it did not happen",
                     "caught": "likewise",
@@ -242,7 +217,7 @@ LABYRINTH: Tables = {
                     "left": "when it was caught or escaped; empty if it was there to the end",
                 }.items()
             },
-            "straight_m": _metres("straight line from its start to its way out", Drift(1e-6)),
+            "straight_m": _metres("straight line from its start to its way out", drift=Drift(1e-6)),
         },
         "One row per trial and intruder.",
     ),
@@ -287,8 +262,8 @@ MAPPING: Tables = {
     "gaps": Columns(
         {
             "length_m": _metres("of the free cells' border on unknown ones, at a wall's end"),
-            "x_m": Column(float, "the middle of that border, map frame", "m", least=-LARGEST),
-            "y_m": Column(float, "the same", "m", least=-LARGEST),
+            "x_m": _coordinate("the middle of that border, map frame"),
+            "y_m": _coordinate("the same"),
         },
         "One row per gap in the map's walls; only where there is one.",
         optional=True,

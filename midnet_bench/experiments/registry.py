@@ -34,10 +34,7 @@ def names() -> list[str]:
 
 
 def experiment(name: str) -> Experiment:
-    """The experiment of that name.
-
-    Args:
-        name: one of :func:`names`, or a reference: ``package.module:NAME`` or ``path/file.py:NAME``.
+    """One of :func:`names`, or that of a reference: ``package.module:NAME`` or ``path/file.py:NAME``.
 
     Raises:
         InputError: an unknown name, or a reference to something that is no ``Experiment`` or has options that
@@ -74,11 +71,7 @@ def experiment_in(definition: "Definition", directory: "Path") -> Experiment:
 
 
 def tables_of(definition: "Definition", directory: "Path") -> "Tables":
-    """The tables that the trials of a campaign have, by its experiment.
-
-    Args:
-        definition: of the campaign.
-        directory: its folder.
+    """The tables that the trials of the campaign in a folder have, by its experiment.
 
     Raises:
         InputError: as :func:`experiment_in`, or the definition gives a parameter what it cannot be.
@@ -126,13 +119,6 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
         results = found.run_together(list(different.values()), seed)
     by_key = dict(zip(different, results, strict=True))
     return [_checked_result(found, spec, by_key[key]) for spec, key in zip(specs, keys, strict=True)]
-
-
-def run_trial(spec: "TrialSpec") -> "TrialResult":
-    """One trial of :func:`run_trials`. Raises what it failed by."""
-    from midnet_bench.campaign.trial import run_alone
-
-    return run_alone(run_trials, spec)
 
 
 def _result_or_error(run: "Callable[..., TrialResult]", *args: Any) -> "TrialResult | Exception":

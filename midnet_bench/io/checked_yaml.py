@@ -161,7 +161,7 @@ def parsed_yaml(text: str, source: str) -> Any:
 
 
 _SCALARS = {"str", "int", "float", "bool"}
-_PLAIN_WORDS = {
+_PLAIN_WORDS = {  # What pydantic says in terms of Python, by its fault's type.
     "dict_type": "a mapping of keys to values is needed",
     "model_type": "a mapping of keys to values is needed",
     "int_parsing_size": "the number is too large",
@@ -169,7 +169,6 @@ _PLAIN_WORDS = {
     "too_short": "too few items; at least {min_length} needed",
     "too_long": "too many items; at most {max_length} allowed",
 }
-"""What pydantic says in terms of Python, by its fault's type."""
 
 
 def parse(model: type[SpecT], values: Any, source: str) -> SpecT:
@@ -234,11 +233,7 @@ class Parameters(Settings):
 
     @classmethod
     def parse(cls, values: Mapping[str, Any], source: str) -> Self:
-        """What a user wrote, checked; files by their contents.
-
-        Args:
-            values: flat keys, as read from YAML.
-            source: what a message names first.
+        """What a user wrote, flat keys as read from YAML, checked; files by their contents.
 
         Raises:
             InputError: ``source: key: what is wrong``: an unknown key, a value of the wrong type or out of

@@ -38,11 +38,7 @@ LOCKED_WITHIN_S = 1.0  # a draft, after it is made
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """What is in an ordinary file, unpacked if it is gzipped; neither endless nor more than fits.
-
-    Args:
-        path: the file.
-        most_bytes: of what comes back.
+    """What is in an ordinary file, unpacked if it is gzipped; at most so many bytes.
 
     Raises:
         OSError: it cannot be read; ``strerror`` says why, also of a device and of one that is too large.
@@ -67,12 +63,7 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file in full or not at all: see :func:`temporary_path`, with its errors.
-
-    Args:
-        path: the file; its folder is made if it is not there.
-        content: a str is written as UTF-8.
-    """
+    """Write a file in full or not at all, a str as UTF-8: see :func:`temporary_path`, with its errors."""
     with temporary_path(path) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
@@ -207,11 +198,9 @@ def installed() -> bool:
 
 
 def shipped_folder(name: str, in_repository: str) -> Path:
-    """A folder that comes with the package; ``setup.py`` names them all.
+    """A folder that comes with the package, such as ``campaigns``; ``setup.py`` names them all.
 
-    Args:
-        name: of the folder inside an installed package, such as ``campaigns``.
-        in_repository: its path in a checkout, where it has its home.
+    ``in_repository``: its path in a checkout, where it has its home.
     """
     installed = PACKAGE / name
     return installed if installed.is_dir() else PACKAGE.parent / in_repository

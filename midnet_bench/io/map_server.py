@@ -195,9 +195,7 @@ def turned(grid: OccupancyGrid, yaw_rad: float, source: str) -> OccupancyGrid:
 def occupancy(image: npt.NDArray[np.uint8], file: MapFile) -> npt.NDArray[np.int8]:
     """The cells of an image, in its own order (row 0 at the top), by the rules of the file's mode.
 
-    Args:
-        image: (height, width, channels) uint8; 1 grey, 3 colours, or 4: colours and alpha.
-        file: thresholds, ``negate`` and mode.
+    ``image``: (height, width, channels) uint8; 1 grey, 3 colours, or 4: colours and alpha.
     """
     channels = image.shape[2]
     # in trinary mode map_server averages alpha in, as if it were a colour
@@ -226,17 +224,11 @@ def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25
 
     Values of 0 to ``free`` become white, ``occ`` and more black, all else the grey that loads as
     unknown. The thresholds in the YAML are always 0.65 and 0.196: they tell these three apart.
-    A reader sees the old file or the new one, never half of one.
-
-    Args:
-        grid: int8, -1 unknown or 0 to 100.
-        yaml_path: usually ``*.yaml``; not ``*.pgm``.
-        occ: 1 to 100.
-        free: 0 to 100, below ``occ``.
-        comment: a line at the top of the YAML file, where a map says what it was made from.
+    A reader sees the old file or the new one, never half of one. The grid is int8, -1 unknown or 0 to 100;
+    ``comment`` is a line at the top of the YAML file, where a map says what it was made from.
 
     Raises:
-        InputError: the thresholds are out of range, or a file cannot be written.
+        InputError: not 0 <= ``free`` < ``occ`` <= 100, or a file cannot be written.
         MidnetBenchError: the disk is full.
     """
     if grid.data.dtype != np.int8:

@@ -53,10 +53,7 @@ def clock_fault(stamps_s: npt.NDArray[np.float64]) -> tuple[int, str] | None:
 def write_tum(trajectory: Trajectory, path: Path, numbers: Sequence[int] | None = None) -> None:
     """Write a line ``timestamp x y z qx qy qz qw`` for each pose; z, qx and qy are 0.
 
-    Args:
-        trajectory: the poses.
-        path: of the file.
-        numbers: stand in place of the timestamps if given, one for each pose; the file's first line says so.
+    ``numbers`` stand in place of the timestamps if given, one for each pose; the file's first line says so.
 
     Raises:
         MidnetBenchError: the file cannot be written (:func:`midnet_bench.io.files.temporary_path`).

@@ -44,11 +44,10 @@ COLOURS: Mapping[str, tuple[palette.RGB, palette.RGB]] = {
     "missed": (palette.MISSED, (255, 255, 255)),
 }
 """on a light page and on a dark one: each colour keeps its meaning"""
-VARIABLES = {
+VARIABLES = {  # the same as CSS
     theme: " ".join(f"--{name}: {palette.hexadecimal(pair[index])};" for name, pair in COLOURS.items())
     for index, theme in enumerate(("light", "dark"))
 }
-"""the same as CSS"""
 CHAPTERS = ["results", "verdicts", "causes", "counterfactuals", "player", "figures", "tables", "provenance"]
 """in their order; the first and the last are always there"""
 
@@ -72,7 +71,7 @@ LAYERS = (
     Layer("goals", "goals, pursuits", "color: var(--guard); border-width: 2px 0 0", True),
     Layer("names", "numbers and causes", "color: var(--ink); border-width: 0 0 2px", True),
 )
-LEGEND = (
+LEGEND = (  # words and an SVG of 20 by 20 for each sign, those of the pictures
     (palette.TRUE_POSITIVE, '<rect class="box" x="3" y="3" width="14" height="14"/>'),
     (palette.DUPLICATE, '<rect class="box dashed" x="3" y="3" width="14" height="14"/>'),
     (palette.FALSE_POSITIVE, '<path class="false" d="M3 3h14v14h-14zM3 3l14 14M17 3l-14 14"/>'),
@@ -83,7 +82,6 @@ LEGEND = (
     ),
     (palette.NO_ERROR, '<circle class="ring" cx="10" cy="10" r="7"/>'),
 )
-"""words and an SVG of 20 by 20 for each sign, those of the pictures"""
 
 MISSES, FALSE_BOXES = "misses", "false boxes"
 MEANINGS: Mapping[str, Mapping[str, str]] = {MISSES: MISS_CAUSES, FALSE_BOXES: FALSE_CAUSES}
@@ -171,13 +169,10 @@ class Content:
 
 
 def report_page(content: Content, recordings: Iterable[Recording], most_bytes: int = MOST_BYTES) -> str:
-    """The page as HTML.
+    """The page as HTML, with the recorded trials that the player plays; each is let go when it is packed.
 
-    Args:
-        content: all but the recorded trials.
-        recordings: the trials that the player plays; each is let go when it is packed.
-        most_bytes: what the page may have. Where the trials do not fit, scans are left out first, those of
-            the trials with the fewest errors before the others', then trials.
+    Where they do not fit into ``most_bytes``, scans are left out first, those of the trials with the fewest
+    errors before the others', then trials.
     """
     funnel = Funnel()
     trials: list[_Packed] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec, run_alone
+from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 
 HOARD: list[bytes] = []  # what a worker never gives back
@@ -20,18 +20,14 @@ def run_trials(specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:
     return [_counted(spec) for spec in specs]
 
 
-def run_trial(spec: TrialSpec) -> TrialResult:
-    return run_alone(run_trials, spec)
-
-
 def _counted(spec: TrialSpec) -> TrialResult | Exception:
     try:
-        return _tossed(spec)
+        return run_trial(spec)
     except Exception as error:
         return error
 
 
-def _tossed(spec: TrialSpec) -> TrialResult:
+def run_trial(spec: TrialSpec) -> TrialResult:
     parameters: dict[str, Any] = dict(spec.parameters)
     chance = Random(spec.seed)
     tosses = [chance.random() for _ in range(parameters["coins"])]

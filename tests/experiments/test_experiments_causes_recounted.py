@@ -204,10 +204,7 @@ def base(frame: RecordedFrame, guard: int) -> tuple[float, float]:
     """Where a guard took itself to be at its last scan."""
     sensor = frame.sensors[guard]
     assert sensor is not None
-    return (
-        sensor.x + LIDAR_BACK_M * math.cos(sensor.yaw),
-        sensor.y + LIDAR_BACK_M * math.sin(sensor.yaw),
-    )
+    return (sensor.x + LIDAR_BACK_M * math.cos(sensor.yaw), sensor.y + LIDAR_BACK_M * math.sin(sensor.yaw))
 
 
 def cell(place: tuple[float, ...]) -> tuple[int, ...]:

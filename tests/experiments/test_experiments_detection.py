@@ -13,7 +13,7 @@ from midnet_bench.detectors.detector_node import binary_prior
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
-from midnet_bench.experiments.registry import run_trial
+from midnet_bench.experiments.registry import run_trials
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.navigation.navigation_settings import TRAJECTORY_ROLLOUT_LIMITS
@@ -38,7 +38,7 @@ def test_the_seed_decides_every_byte() -> None:
 @pytest.mark.slow
 def test_a_spec_says_all_that_a_trial_needs() -> None:
     parameters = DetectionParameters.of(robots=2, frames=25).flat_values()
-    assert as_bytes(run_trial(TrialSpec("detection", parameters, 3))) == as_bytes(detection(seed=3))
+    assert as_bytes(run_trials([TrialSpec("detection", parameters, 3)])[0]) == as_bytes(detection(seed=3))
 
 
 def test_teams_of_one_seed_meet_the_same_intruders() -> None:
@@ -158,7 +158,7 @@ def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
     spec = TrialSpec("detection", parameters.flat_values(), 1)
     for file in tmp_path.iterdir():
         file.unlink()
-    assert run_trial(spec).tables["scores"]
+    assert run_trials([spec])[0].tables["scores"]
 
 
 def test_a_file_counts_by_its_contents(tmp_path: Path) -> None:

@@ -120,11 +120,7 @@ ALONE: dict[str, tuple[Arena, Options, Mapping[tuple[str, str], int]]] = {
         {("beyond_range", ""): 1},
     ),
     "outside_window": (room(box(2.2, 0.0, 0.2)), {}, {("outside_window", ""): 3}),
-    "under_prior": (
-        room(box(1.87, 0.0, 0.1), side_m=4.0, start=(0.8, 0.0)),
-        {},
-        {("under_prior", ""): 3},
-    ),
+    "under_prior": (room(box(1.87, 0.0, 0.1), side_m=4.0, start=(0.8, 0.0)), {}, {("under_prior", ""): 3}),
     "rim": (RIM, {}, {("under_prior", ""): 3, ("rim", "stationary 1"): 3}),
     "too_small": (room(box(1.0, 0.0, 0.2)), {"min_area_cells": 1000}, {("too_small", ""): 3}),
     # the prior map leaves a strip of it, of which nothing is left

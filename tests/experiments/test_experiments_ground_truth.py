@@ -14,7 +14,7 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import FILE_NAME, open_store
-from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables, run_alone
+from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
@@ -100,7 +100,7 @@ def test_trials_that_differ_in_the_oracle_move_alike_and_are_alone_what_they_are
     shared = [encode_tables(result) for result in together if isinstance(result, TrialResult)]
     assert len(shared) == len(wanted)
     assert len(set(shared)) > len(wanted) // 2
-    assert shared == [encode_tables(run_alone(registry.run_trials, spec)) for spec in wanted]
+    assert shared == [encode_tables(registry.run_trials([spec])[0]) for spec in wanted]
 
 
 @pytest.mark.slow
@@ -202,7 +202,7 @@ def test_marks_and_window_are_what_options_can_say() -> None:
     for oracle, options in (("marks", {"local_map": "single_scan"}), ("window", {"local_size_m": size_m})):
         assert result_key(of(oracle=oracle)) == result_key(of(**options))
         one, other = (
-            run_alone(registry.run_trials, TrialSpec("detection", of(frames=3, **said).flat_values(), SEED))
+            registry.run_trials([TrialSpec("detection", of(frames=3, **said).flat_values(), SEED)])[0]
             for said in ({"oracle": oracle}, options)
         )
         assert encode_tables(one) == encode_tables(other)
@@ -215,10 +215,7 @@ def test_allies_are_known_by_identity() -> None:
     assert found(**team, oracle="allies")[1] == 0
     with (
         trial(robots=3, arena=hall()) as (_, plain),
-        trial(robots=3, arena=hall(), oracle="allies") as (
-            made,
-            last,
-        ),
+        trial(robots=3, arena=hall(), oracle="allies") as (made, last),
     ):
         assert plain.midnet.explanation is not None
         assert plain.midnet.explanation.removed
@@ -286,7 +283,7 @@ def test_boxes_are_fused_by_whose_intruder_they_touch() -> None:
     counts = {}
     for oracle in ("none", "fusion"):
         values = {"robots": 5, "frames": 50, "intruders": None, "oracle": oracle}
-        counts[oracle] = run_alone(registry.run_trials, TrialSpec("detection", of(**values).flat_values(), 1))
+        (counts[oracle],) = registry.run_trials([TrialSpec("detection", of(**values).flat_values(), 1)])
     before, after = (result.tables["scores"][0] for result in counts.values())
     assert before["duplicates"] > 0  # type: ignore[operator]
     assert after["duplicates"] == 0
@@ -365,7 +362,7 @@ def causes_under(oracles: tuple[Oracle, ...], **values: Any) -> list[set[str]]:
         TrialSpec("detection", of(record=True, oracle=oracle, **values).flat_values(), SEED)
         for oracle in oracles
     ]
-    results = [run_alone(registry.run_trials, spec) for spec in wanted]
+    results = [registry.run_trials([spec])[0] for spec in wanted]
     return [{str(row["cause"]) for row in result.tables.get("errors", [])} for result in results]
 
 

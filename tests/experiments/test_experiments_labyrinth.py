@@ -166,12 +166,7 @@ class Liar:
 def driven(lies: bool) -> "list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]":
     """Where all robots are at each frame of a trial in which nobody can be caught or escape."""
     parameters = LabyrinthParameters.of(
-        robots=3,
-        intruders=2,
-        time_limit_s=40.0,
-        capture_distance_m=1e-6,
-        escape_radius_m=1e-6,
-        engine="fast",
+        robots=3, intruders=2, time_limit_s=40.0, capture_distance_m=1e-6, escape_radius_m=1e-6, engine="fast"
     )
     with LabyrinthTrial(parameters, 5) as trial:
         true_world = trial.world

@@ -8,7 +8,7 @@ from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial, Snapshot, run_mapping
-from midnet_bench.experiments.registry import run_trial
+from midnet_bench.experiments.registry import run_trials
 
 # a hall with a wall across it, so that the far side has to be driven to; the door in the east leads outside
 HALL = {
@@ -143,7 +143,7 @@ def test_the_time_limit_leaves_half_a_map_and_says_so() -> None:
 
 def test_the_registry_runs_it_and_its_tables_are_whole() -> None:
     parameters = hall(time_limit_s=3.0).flat_values()
-    result = run_trial(TrialSpec("mapping", parameters, 1003))
+    (result,) = run_trials([TrialSpec("mapping", parameters, 1003)])
     assert result.simulated_s == pytest.approx(3.0)
     (row,) = result.tables["maps"]
     assert list(row)[:4] == ["coverage", "occupied_precision", "occupied_recall", "wall_error_m"]

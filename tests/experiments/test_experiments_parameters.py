@@ -83,10 +83,7 @@ def test_the_pose_filter_suits_its_odometry() -> None:
     filters = [
         DetectionParameters.from_flat({"odometry": odometry}).pose_filter for odometry in ("world", "encoder")
     ]
-    assert [one.twist_variance for one in filters if one is not None] == [
-        (0.0, 0.0, 0.0),
-        (1e-4, 1e-4, 1e-2),
-    ]
+    assert [one.twist_variance for one in filters if one is not None] == [(0.0, 0.0, 0.0), (1e-4, 1e-4, 1e-2)]
     assert [one.twist_is_mean for one in filters if one is not None] == [False, True]
 
 
@@ -140,12 +137,7 @@ def test_a_team_works_on_maps_of_another_resolution() -> None:
 
 
 def test_settings_of_explorers_and_pursuers_reach_their_code() -> None:
-    explorers = MappingParameters.of(
-        robots=2,
-        particles=7,
-        merge="features",
-        nav_goal_tolerance_m=0.1,
-    )
+    explorers = MappingParameters.of(robots=2, particles=7, merge="features", nav_goal_tolerance_m=0.1)
     with ExplorationTrial(explorers, 1) as exploration:
         explorer = exploration.explorers[0]
         assert explorer.navigator.settings.goal_tolerance_m == 0.1
@@ -161,11 +153,7 @@ def test_a_preset_is_a_set_of_defaults_beside_which_what_is_given_comes_first() 
     assert DetectionParameters.of(preset="best", fusion="paper").fusion == "paper"
     assert DetectionParameters.from_flat(best.flat_values()) == best
     spelt_out = DetectionParameters.of(
-        local_size_m=6.0,
-        local_map="decay",
-        decay_s=0.5,
-        fusion="components(iou=0.02)",
-        align="origin",
+        local_size_m=6.0, local_map="decay", decay_s=0.5, fusion="components(iou=0.02)", align="origin"
     )
     assert result_key(best) == result_key(spelt_out) != result_key(paper)
     assert simulation_key(best) == simulation_key(paper)

@@ -19,11 +19,7 @@ from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
 from midnet_bench.workflows.readings import READINGS
 
 PARTS: Mapping[str, tuple[type[Settings], ...]] = {
-    "all": (
-        DetectionParameters,
-        LabyrinthParameters,
-        MappingParameters,
-    ),
+    "all": (DetectionParameters, LabyrinthParameters, MappingParameters),
     "detection": (DetectionParameters,),
     "labyrinth": (LabyrinthParameters,),
     "mapping": (MappingParameters,),

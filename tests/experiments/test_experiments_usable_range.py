@@ -16,12 +16,7 @@ FARTHER = {"obstacle_range_m": 3.0, "raytrace_range_m": 3.5}
 def hall(folder: Path, gap_m: float, rule: str = "edge") -> str:
     """An arena whose one intruder, a box, stands ``gap_m`` ahead of the only guard's LiDAR."""
     beyond_m = SIDE_M / 2.0 if rule == "edge" else 0.0
-    box = {
-        "shape": "box",
-        "x_m": LDS_01.mount.x + gap_m + beyond_m,
-        "y_m": 0.0,
-        "size_m": [SIDE_M, SIDE_M],
-    }
+    box = {"shape": "box", "x_m": LDS_01.mount.x + gap_m + beyond_m, "y_m": 0.0, "size_m": [SIDE_M, SIDE_M]}
     corners = [[-4, -1.5], [4, -1.5], [4, 1.5], [-4, 1.5], [-4, -1.5]]
     arena = {
         "name": "hall",

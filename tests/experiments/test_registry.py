@@ -8,7 +8,7 @@ import pytest
 
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.registry import experiment, names, parameters_model, run_trial
+from midnet_bench.experiments.registry import experiment, names, parameters_model, run_trials
 
 DICE = """
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ def test_an_experiment_in_a_file_is_run_by_reference(tmp_path: Path) -> None:
     reference = f"{tmp_path}/dice.py:DICE"
     assert experiment(reference).name == "dice"
     assert parameters_model(reference).defaults().keys() == {"sides"}
-    first, again = (run_trial(TrialSpec(reference, {"sides": 1000}, 7)) for _ in range(2))
+    first, again = (run_trials([TrialSpec(reference, {"sides": 1000}, 7)])[0] for _ in range(2))
     assert first == again
     assert 0 <= int(first.tables["rolls"][0]["eyes"] or 0) < 1000
 

@@ -24,7 +24,7 @@ COUNT_TOLERANCE = 0.10  # how near a count per frame does, as a share of the pap
 MINOR = 0.10  # the most that a cause "not expected to be significant" may have of the errors
 NEVER = 0.01  # the share of frames below which something counts as not happening
 
-RISES = {
+RISES = {  # column of the scores -> whether it rises from one robot to five, in the paper's words or table
     "recall": True,
     "precision": False,
     "f1": True,
@@ -33,10 +33,9 @@ RISES = {
     "fn_hidden": False,
     "fn_hidden_in_window": False,
 }
-"""column of the scores -> whether it rises from one robot to five, in the paper's words or table"""
 TEAMS = dict(zip(PAPER, ("1 robot", "5 robots"), strict=True))
 ONE, FIVE = PAPER
-CALLED = {
+CALLED = {  # column of the scores -> its words
     "f1": "F1",
     "tp": "true positives",
     "fp": "false positives",
@@ -44,12 +43,10 @@ CALLED = {
     "fn_hidden": "misses of hidden intruders",
     "fn_hidden_in_window": "misses of hidden intruders inside the local costmaps",
 }
-"""column of the scores -> its words"""
-MISSES = {
+MISSES = {  # which misses are judged -> columns: how many, how many of them hidden, how many new
     "": ("fn", "fn_hidden", "fn_new"),
     " inside the local costmaps": ("fn_in_window", "fn_hidden_in_window", "fn_new_in_window"),
 }
-"""which misses are judged -> columns: how many, how many of them hidden, how many new"""
 
 
 def claims(results: Results) -> list[Finding]:

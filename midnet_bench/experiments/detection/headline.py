@@ -21,12 +21,9 @@ MOST_IN_WORDS = 4  # teams that a sentence names one by one
 
 
 def headline(results: Results, reference: Results | None = None) -> Headline:
-    """The table, the verdict in words and what to type next.
+    """The table, the verdict in words and what to type next, of a campaign with a finished trial.
 
-    Args:
-        results: of a detection campaign with a finished trial.
-        reference: of the campaign whose numbers the package reports; its means stand under those of fewer
-            seeds if the same parameters made them.
+    The means of ``reference`` stand under those of fewer seeds if the same parameters made them.
     """
     cells = cells_of(results)
     known = {} if reference is None else _reference_cells(results, reference, cells)

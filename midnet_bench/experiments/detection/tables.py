@@ -39,21 +39,19 @@ class Team(NamedTuple):
 
 SCORES = ("precision", "recall", "f1")
 COUNTS = ("tp", "fp", "fn")
-PAPER: Mapping[Team, Mapping[str, float]] = {
+PAPER: Mapping[Team, Mapping[str, float]] = {  # The paper's only table.
     Team(1): {"tp": 6967, "fp": 176, "fn": 1889, "precision": 0.975, "recall": 0.787, "f1": 0.871},
     Team(5): {"tp": 14953, "fp": 1047, "fn": 619, "precision": 0.935, "recall": 0.960, "f1": 0.947},
 }
-"""The paper's only table."""
 PAPER_FRAMES = 1999
 PAPER_ARENA = "map1"
 
 TP_BOXES: TruePositives = "every"  # of results that do not have the option
-COUNTINGS: Mapping[TruePositives, str] = {
+COUNTINGS: Mapping[TruePositives, str] = {  # value of ``tp_boxes`` -> its meaning
     "every": "each box on an intruder is a true positive, as section V.A defines it",
     "surplus_false": "one box on each intruder is a true positive and a second one false, as section V.A "
     "explains the false positives of five robots",
 }
-"""value of ``tp_boxes`` -> its meaning"""
 BESIDE = ("f1_one_to_one", "gospa_per_frame_m")  # measures that the paper does not have
 SHOWN = (*SCORES, "f1_one_to_one")
 HEADS = {"trial": "", "source": "", "f1": "F1", "f1_one_to_one": "F1 one-to-one"}

@@ -48,11 +48,9 @@ class Scorer:
         self.sight = trial.lidars.noise([stream(trial.seed, "sight", guard.name) for guard in trial.guards])
         """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
-        self.counted: list[tuple[FrameCounts, Causes]] = []
-        """of each frame of a whole trial"""
+        self.counted: list[tuple[FrameCounts, Causes]] = []  # of each frame of a whole trial
         self.counts_hidden = test.counts_hidden
-        self.margin_m = 0.0
-        """by which intruders' boxes are wider than they are"""
+        self.margin_m = 0.0  # by which intruders' boxes are wider than they are
         if test.truth_box == "inflated":
             self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
         self.recorder = Recorder(trial, test, node) if test.record or test.metrics != NO_METRICS else None
@@ -72,11 +70,9 @@ class DetectionTrial(GuardedArena):
             f"stationary {number}": solid.bounding_box()
             for number, solid in enumerate(self.layout.stationary, 1)
         }
-        self._newest_bodies: tuple[int, list[TruthObject]] = (-1, [])
-        """and the tick at which they were there"""
+        self._newest_bodies: tuple[int, list[TruthObject]] = (-1, [])  # and the tick at which they were there
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
-        self.own = Scorer(self, parameters, self.detector)
-        """of these ``parameters``"""
+        self.own = Scorer(self, parameters, self.detector)  # of these ``parameters``
         self.scorers = list(map(partial(Scorer, self), variants, self.variant_detectors))
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:

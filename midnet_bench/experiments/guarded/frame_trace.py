@@ -124,8 +124,7 @@ class _GuardTrace:
     """The scans of one guard, and which beam made each mark of its costmap."""
 
     def __init__(self) -> None:
-        self.scans: dict[int, TracedScan] = {}
-        """by number: those that may have left marks, and the last one"""
+        self.scans: dict[int, TracedScan] = {}  # by number: those that may have left marks, and the last one
         self.newest = -1  # number of the last scan
         self.unread: list[int] = []  # scans whose beams are not yet in ``makers``
         self.makers = np.empty((0, 4), dtype=np.int64)

@@ -65,8 +65,7 @@ class GroundTruthOverride:
         robots = trial.fleet.robots
         self._guards = [robot for robot in robots if isinstance(robot, Guard)]
         self._intruders = [robot for robot in robots if not isinstance(robot, Guard)]
-        self.callbacks: list[ScanCallback] = []
-        """called with each scan that was taken"""
+        self.callbacks: list[ScanCallback] = []  # called with each scan that was taken
         self._localised_at = [self._true_pose(guard) for guard in self._guards]
         """where each guard truly was when it last localised, map frame"""
         self._newest_poses = [guard.pose for guard in self._guards]
@@ -74,8 +73,7 @@ class GroundTruthOverride:
         self._noise = self._noise_of("oracle lidar" if oracle == "delay" else "oracle echoes")
         self._dropouts = [stream(seed, "oracle dropout", guard.name) for guard in self._guards]
         self._walls = outlines_of(trial.world.layout.arena.wall_solids())
-        self._lidars: dict[int, MultiEchoLidar] = {}
-        """by number of echoes: each keeps its directions"""
+        self._lidars: dict[int, MultiEchoLidar] = {}  # by number of echoes: each keeps its directions
 
     def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """Take what a guard has just scanned; ``true``: what its beams met."""

@@ -117,10 +117,9 @@ class GuardedArena(RobotTrial):
             self._evaders = Evaders(self.layout, self.intruders, self.goal_space(), self.crowd, seed)
         self.tick_callbacks: list[Callable[[Sequence[MobileRobot]], None]] = []
         """called after each tick with the robots that were due in it"""
-        self.frame_callbacks: list[Callable[[Frame], None]] = []
+        self.frame_callbacks: list[Callable[[ObservedFrame], None]] = []
         """called with each frame of ``detector``, before any robot uses it"""
-        self.guards_alive = list(self.guards)
-        """those that have not died"""
+        self.guards_alive = list(self.guards)  # those that have not died
         network = parameters.network
         self._network = NetworkModel(network, self.guards, seed) if network.is_used else None
 

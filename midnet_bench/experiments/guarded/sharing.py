@@ -39,12 +39,8 @@ def result_key(parameters: Guarded, keep_thresh_local: bool = False, **changes: 
     """The parameters with those at their defaults that change nothing: trials of equal ones are the same.
 
     A threshold stands for the least cost that a costmap can have from there on. In cells of 5 cm there is
-    none between 91 and 99, and thresholds from 92 to 99 select the same cells.
-
-    Args:
-        parameters: of a trial.
-        keep_thresh_local: whether it has another use than to select cells.
-        **changes: of further parameters.
+    none between 91 and 99, and thresholds from 92 to 99 select the same cells. ``keep_thresh_local``: whether
+    it has another use than to select cells.
     """
     parameters = _without_idle_oracle(parameters)
     prior, midnet, costmap = parameters.prior, parameters.midnet, parameters.costmap

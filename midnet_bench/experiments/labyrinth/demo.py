@@ -24,9 +24,8 @@ def demo(parameters: LabyrinthParameters, seed: int) -> Iterator[Demo]:
 def _scenes(trial: LabyrinthTrial) -> Iterator[Scene]:
     """Each frame with the intruders that leave after it, and the outcomes so far."""
     seen: list[Scene] = []
-    for _ in trial.frames(
-        explain=True, callback=lambda frame: seen.append(scene_of(trial, trial.scored(frame)))
-    ):
+    trial.frame_callbacks.append(lambda frame: seen.append(scene_of(trial, trial.scored(frame))))
+    for _ in trial.frames(explain=True):
         yield replace(seen.pop(), chase=_chase(trial))
 
 

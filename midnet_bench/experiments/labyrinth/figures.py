@@ -21,12 +21,11 @@ from midnet_bench.io.files import plain_name
 ROLES = {"guards": GUARD, "intruders": INTRUDER}
 ROLE_STYLES = {"guards": Style("#555555", "P", "-"), "intruders": Style("#E69F00", "X", "--")}
 """other colours and markers than those of numbers of intruders"""
-HEALTH = {
+HEALTH = {  # label of an axis -> column of ``Variant.robots``
     "driven, m per minute": "metres_per_minute",
     "time stuck, %": "stuck_percent",
     "goals given up per robot": "goals_given_up",
 }
-"""label of an axis -> column of ``Variant.robots``"""
 
 
 def figures(results: Results) -> dict[str, Figure]:

@@ -47,9 +47,7 @@ def tables(results: Results) -> list[Table]:
 def headline(results: Results, reference: Results | None = None) -> Headline:
     """The table of success rates, the rise with the team in words, and what to type next.
 
-    Args:
-        results: of a labyrinth campaign with a finished trial.
-        reference: not used; the paper prints no numbers of this test.
+    ``reference`` is not used: the paper prints no numbers of this test.
     """
     variants = variants_of(results)
     sentences = []
@@ -224,14 +222,8 @@ def measures(results: Results) -> pd.DataFrame:
 def power_table(results: Results, difference: float, robots: tuple[int, int], power: float = POWER) -> Table:
     """For each number of intruders, and over all: the trials per team size that a change of success needs.
 
-    Args:
-        results: of a labyrinth campaign.
-        difference: of the success rate, percentage points.
-        robots: the two team sizes that are compared.
-        power: the probability of finding the difference if it is there.
-
-    Raises:
-        InputError: a team size without finished trials.
+    ``difference`` is in percentage points, between two team sizes; ``power`` the probability of finding it if
+    it is there. Raises InputError on a team size without finished trials.
     """
     variants = variants_of(results)
     for (name, one), size in itertools.product(variants.items(), robots):

@@ -1,7 +1,7 @@
 """The labyrinth test of section V.B: which intruders are caught before they escape."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,19 +89,13 @@ class LabyrinthTrial(GuardedArena):
         """Intruders that are still in the arena; a caught one may be."""
         return [robot for robot in self.intruders if math.isnan(self.outcomes[robot.index].left_at_s)]
 
-    def frames(
-        self, explain: bool = False, callback: Callable[[ObservedFrame], None] = lambda frame: None
-    ) -> Iterator[ObservedFrame]:
-        """MIDNet's frames until every intruder is caught or gone, or the time is up (item 58).
-
-        ``callback`` gets each before an intruder is taken out.
-        """
+    def frames(self, explain: bool = False) -> Iterator[ObservedFrame]:
+        """MIDNet's frames until every intruder is caught or gone, or the time is up (item 58)."""
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
             midnet = self.next_frame(explain or self._test.record)
             if self.recorder:  # before an intruder is taken out
                 self.recorder.take(self.scored(midnet), self.pursuit.pursuers)
-            callback(midnet)
             self._update(midnet)
             yield midnet
 

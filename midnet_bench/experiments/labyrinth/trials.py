@@ -53,13 +53,7 @@ class Variant:
         """The mean of a column by seed, over all numbers of intruders or team sizes that are not given.
 
         Trials of one seed share their intruders whatever their number, so over several cells the seed is the
-        unit, and only seeds at which all of them have finished count.
-
-        Args:
-            column: of ``trials``.
-            intruders: how many; all numbers unless given.
-            robots: team size; all unless given.
-            of: rows instead of ``trials``.
+        unit, and only seeds at which all of them have finished count. ``of``: rows instead of ``trials``.
         """
         rows, cells = self.trials if of is None else of, 1
         for name, number, numbers in zip(

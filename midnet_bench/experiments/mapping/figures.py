@@ -7,12 +7,11 @@ from midnet_bench.analysis.statistics import MEAN_METHOD
 from midnet_bench.drawing.charts import Panel, panel_figure
 from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, mean_of, teams_of
 
-PANELS = {
+PANELS = {  # label of an axis -> label of a line -> column of ``maps``
     "time until no frontier is left, s": {"": "time_s"},
     "free space covered, share": {"": "coverage"},
     "occupied cells, within one cell": {"precision": "occupied_precision", "recall": "occupied_recall"},
 }
-"""label of an axis -> label of a line -> column of ``maps``"""
 
 
 def figures(results: Results) -> dict[str, Figure]:

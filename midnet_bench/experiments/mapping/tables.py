@@ -14,7 +14,7 @@ from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import shown
 from midnet_bench.errors import InputError
 
-MEASURES: Mapping[str, bool] = {
+MEASURES: Mapping[str, bool] = {  # column of ``maps`` -> whether more is better
     "coverage": True,
     "occupied_precision": True,
     "occupied_recall": True,
@@ -22,7 +22,6 @@ MEASURES: Mapping[str, bool] = {
     "time_s": False,
     "distance_m": False,
 }
-"""column of ``maps`` -> whether more is better"""
 ENOUGH_COVERAGE = 0.98  # less of the free space within reach is not a map of the arena
 BEST = 3  # maps of each arena that the choice shows
 SHOWN = ("gaps_m", "occupied_precision", "occupied_recall", "wall_error_m", "coverage")

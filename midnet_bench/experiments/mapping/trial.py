@@ -98,12 +98,7 @@ class ExplorationTrial(RobotTrial):
         if self._knows_starts:
             for explorer in self.explorers:
                 explorer.mates = [mate for mate in self.explorers if mate is not explorer]
-        super().__init__(
-            self.layout,
-            self.explorers,
-            parameters.simulation,
-            seed,
-        )
+        super().__init__(self.layout, self.explorers, parameters.simulation, seed)
         self._newest = self._plane.empty()
         self._is_finished = False
 
