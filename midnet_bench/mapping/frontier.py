@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -19,6 +18,18 @@ Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Steps = npt.NDArray[np.int32]
 
+# The parameters of explore_lite (explore_costmap.launch), and those of the repairs made here.
+POTENTIAL_SCALE, GAIN_SCALE = 3.0, 1.0
+MIN_FRONTIER_SIZE_M = 0.5
+PROGRESS_TIMEOUT_S = 30.0
+BLACKLIST_HALF_WIDTH_M = 0.5  # explore_lite has 5 cells, 0.25 m
+SECOND_CHANCES = 1  # explore_lite never empties its blacklist
+TRAVERSABLE_BELOW = 99  # explore_lite's search follows falling costs alone
+TAKEN_RADIUS_M = 2.0  # explore_lite knows no other robots
+MIN_GAP_M = 0.1  # two cells; a gap of one lies within a cell of walls on both sides
+VIEW_M = 1.0  # beams are 1.7 cm apart there, a third of a cell
+LOOK_RADIUS_M = 0.5  # as far as a blacklisted goal counts
+
 _OUT_OF_REACH, _SECOND, _GAP = 1e9, 1e6, 1e3
 """costs above any other: of a frontier that the robot cannot reach, of one that another robot is sent to, of
 a gap in a wall: while there are frontiers, it may close by itself"""
@@ -27,26 +38,6 @@ _LEAST_FREE_M2 = 0.25
 """Five metres of a hole one cell wide, or a square of half a metre: less is no room to drive in."""
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-
-
-@dataclass(frozen=True)
-class FrontierSettings:
-    """The parameters of explore_lite (``explore_costmap.launch``), and those of the repairs made here."""
-
-    potential_scale: float = 3.0
-    gain_scale: float = 1.0
-    min_frontier_size_m: float = 0.5
-    progress_timeout_s: float = 30.0
-    blacklist_half_width_m: float = 0.5  # explore_lite has 5 cells, 0.25 m
-    second_chances: int = 1  # explore_lite never empties its blacklist
-    traversable_below: int = 99  # explore_lite's search follows falling costs alone
-    taken_radius_m: float = 2.0  # explore_lite knows no other robots
-    min_gap_m: float = 0.1  # two cells; a gap of one lies within a cell of walls on both sides
-    view_m: float = 1.0  # beams are 1.7 cm apart there, a third of a cell
-    look_radius_m: float = 0.5  # as far as a blacklisted goal counts
-
-
-DEFAULTS = FrontierSettings()
 
 
 class Frontier(NamedTuple):
@@ -67,69 +58,61 @@ class Gap(NamedTuple):
     place: Point  # centre of its unknown cell nearest to their mean
 
 
-def wall_gaps(grid: OccupancyGrid, least_m: float = DEFAULTS.min_gap_m) -> list[Gap]:
+def wall_gaps(grid: OccupancyGrid) -> list[Gap]:
     """Where walls end though the free space beside them goes on into the unknown, longest first.
 
     A closed room has none: its walls part each free cell from the unknown. Frontiers that meet no wall are
-    left out, and so are specks between beams, unknown areas below a square of ``least_m``, and holes between
-    the two faces of a wall, free areas below ``_LEAST_FREE_M2``; here cells join by their sides alone. The
-    grid is int8, -1 unknown, 0 to 100, occupied from 65 on; gaps shorter than ``least_m`` are left out.
+    left out, and so are specks between beams, unknown areas below a square of ``MIN_GAP_M``, and holes
+    between the two faces of a wall, free areas below ``_LEAST_FREE_M2``; here cells join by their sides
+    alone. The grid is int8, -1 unknown, 0 to 100, occupied from 65 on; gaps below ``MIN_GAP_M`` are left out.
     """
     unknown, occupied = grid.data == UNKNOWN, grid.data >= OCCUPIED_FROM
     free = _areas_from(~unknown & ~occupied, _LEAST_FREE_M2 / (grid.resolution * grid.resolution))
-    unknown = _areas_from(unknown, (least_m / grid.resolution) * (least_m / grid.resolution))
+    unknown = _areas_from(unknown, (MIN_GAP_M / grid.resolution) * (MIN_GAP_M / grid.resolution))
     border, beside_wall = unknown & _dilated(free, _CROSS), _dilated(occupied, np.ones((3, 3)))
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(border.view(np.uint8), connectivity=8)
     gaps = []
     for label in np.unique(labels[border & beside_wall]).tolist():
         length_m = float(stats[label, cv2.CC_STAT_AREA]) * grid.resolution
-        if length_m >= least_m - 1e-9:
+        if length_m >= MIN_GAP_M - 1e-9:
             column, row = _nearest_first(_cells(labels == label), centroids[label])[0].tolist()
             gaps.append(Gap(length_m, grid.center_of(column, row)))
     return sorted(gaps, key=lambda gap: (-gap.length_m, gap.place))
 
 
-def find_gaps(
-    costmap: OccupancyGrid,
-    grid: OccupancyGrid,
-    robot: Pose2D,
-    looks: Floats,
-    settings: FrontierSettings = DEFAULTS,
-) -> list[Frontier]:
+def find_gaps(costmap: OccupancyGrid, grid: OccupancyGrid, robot: Pose2D, looks: Floats) -> list[Frontier]:
     """The gaps in walls that the robot can see from a place within its reach, cheapest first.
 
-    Their approaches are the reachable cells within ``view_m`` that no wall parts from them, those with the
+    Their approaches are the reachable cells within ``VIEW_M`` that no wall parts from them, those with the
     most room first; without those near one of ``looks``, (K, 2) x, y of the places at which scans have been
     taken, which have shown what they could. ``grid`` is the map on the costmap's cells, int8, -1 unknown.
     """
-    steps = _reach(costmap, robot, settings)[1][1:-1, 1:-1]
+    steps = _reach(costmap, robot)[1][1:-1, 1:-1]
     rows, columns = np.nonzero(steps >= 0)
     cells = np.stack((costmap.x_centers[columns], costmap.y_centers[rows]), axis=1)
     costs = costmap.data[rows, columns]
     gaps = []
-    for length_m, place in wall_gaps(grid, settings.min_gap_m):
+    for length_m, place in wall_gaps(grid):
         distances_m = lengths(cells - place)
-        near = np.flatnonzero(distances_m <= settings.view_m)
-        for look in looks[lengths(looks - place) < settings.view_m + settings.look_radius_m]:
-            near = near[lengths(cells[near] - look) >= settings.look_radius_m]
+        near = np.flatnonzero(distances_m <= VIEW_M)
+        for look in looks[lengths(looks - place) < VIEW_M + LOOK_RADIUS_M]:
+            near = near[lengths(cells[near] - look) >= LOOK_RADIUS_M]
         near = near[_see(grid, cells[near], place)]
         if len(near):
             near = near[np.lexsort((distances_m[near], costs[near]))]
             way_m = float(steps[rows[near], columns[near]].min()) * costmap.resolution
-            cost = _GAP + settings.potential_scale * way_m - settings.gain_scale * length_m
+            cost = _GAP + POTENTIAL_SCALE * way_m - GAIN_SCALE * length_m
             gaps.append(Frontier(cost, length_m, way_m, place, cells[near]))
     return sorted(gaps, key=lambda gap: gap.cost)
 
 
-def find_frontiers(
-    costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings = DEFAULTS
-) -> list[Frontier]:
+def find_frontiers(costmap: OccupancyGrid, robot: Pose2D) -> list[Frontier]:
     """The frontiers that the robot can reach, cheapest first; empty when there is none.
 
     As in explore_lite: the search starts at the traversable cell nearest to the robot's and spreads over
     4-neighbours; unknown cells beside any traversable cell, reached or not, are frontier cells, 8-neighbours
     of them one frontier, and a frontier counts if it touches what the search reached; cost =
-    ``potential_scale`` * distance - ``gain_scale`` * size. Not as in explore_lite, whose slips these are:
+    ``POTENTIAL_SCALE`` * distance - ``GAIN_SCALE`` * size. Not as in explore_lite, whose slips these are:
     every cell of a frontier counts, towards its centroid too; distance is metres once, not times the
     resolution again, and it is the way along traversable cells (steps in x and y) instead of a straight line
     through walls; any cost below the inscribed radius can be passed, where the package stops at the first
@@ -137,21 +120,21 @@ def find_frontiers(
 
     ``costmap`` is int8, -1 unknown, 0 to 100 published costs. A robot off it starts from its nearest cell.
     """
-    traversable, steps = _reach(costmap, robot, settings)
+    traversable, steps = _reach(costmap, robot)
     border = np.pad(costmap.data == UNKNOWN, 1) & _dilated(traversable, _CROSS)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(border.view(np.uint8), connectivity=8)
     frontiers = []
     for label in range(1, len(stats)):
         left, low, width, height, count = stats[label].tolist()
         size_m = count * costmap.resolution
-        if size_m < settings.min_frontier_size_m:
+        if size_m < MIN_FRONTIER_SIZE_M:
             continue
         around = np.s_[low - 1 : low + height + 1, left - 1 : left + width + 1]
         touching = _cells(_dilated(labels[around] == label, _CROSS) & (steps[around] >= 0))
         if len(touching):
             cells = _nearest_first(touching + np.array([left - 1, low - 1]), centroids[label])
             distance_m = float(steps[cells[:, 1], cells[:, 0]].min()) * costmap.resolution
-            cost = settings.potential_scale * distance_m - settings.gain_scale * size_m
+            cost = POTENTIAL_SCALE * distance_m - GAIN_SCALE * size_m
             column, row = centroids[label].tolist()
             centroid = costmap.center_of(column - 1, row - 1)
             # one cell of padding on either side, and centres half a cell from corners
@@ -189,15 +172,14 @@ class FrontierExplorer:
     As explore_lite's node, with these repairs: where no frontier is left, gaps in walls are looked at; the
     goal is the reachable cell nearest to the frontier's centroid, not the centroid, which may lie in a wall
     or behind it; a frontier is given up piece by piece, as only the surroundings of a goal that failed are
-    blacklisted; the blacklist is emptied ``second_chances`` times before the exploration counts as done; team
+    blacklisted; the blacklist is emptied ``SECOND_CHANCES`` times before the exploration counts as done; team
     mates' goals are left to them.
     """
 
-    def __init__(self, settings: FrontierSettings = DEFAULTS) -> None:
+    def __init__(self) -> None:
         """An explorer that has no goal yet."""
-        self._settings = settings
         self._blacklist: list[Point] = []
-        self._chances = self._settings.second_chances
+        self._chances = SECOND_CHANCES
         self._goal: Point | None = None
         self._least_distance_m = math.inf
         self._progress_time_s = 0.0
@@ -206,8 +188,8 @@ class FrontierExplorer:
         self, robot: Pose2D, costmap: OccupancyGrid, grid: OccupancyGrid, looks: Floats
     ) -> list[Frontier]:
         """The frontiers that the robot can reach and has not given up, cheapest first, then gaps; or all."""
-        frontiers = find_frontiers(costmap, robot, self._settings)
-        frontiers += find_gaps(costmap, grid, robot, looks, self._settings)
+        frontiers = find_frontiers(costmap, robot)
+        frontiers += find_gaps(costmap, grid, robot, looks)
         return [frontier for frontier in frontiers if self._is_open(frontier.approaches).any()] or frontiers
 
     def parking_place(self, robot: Pose2D, costmap: OccupancyGrid, radius_m: float) -> Point | None:
@@ -216,7 +198,7 @@ class FrontierExplorer:
         A robot closes a disc of ``radius_m`` to the others' centres. It is in the way where the disc parts
         what can be driven on round it, within another ``radius_m``.
         """
-        steps = _reach(costmap, robot, self._settings)[1]
+        steps = _reach(costmap, robot)[1]
         reach = math.ceil(2.0 * radius_m / costmap.resolution)
         open_cells = np.pad(steps >= 0, reach)
         squares = np.square(np.arange(-reach, reach + 1) * costmap.resolution)
@@ -240,7 +222,7 @@ class FrontierExplorer:
 
         Call it at a planning rate (the package: 1 Hz, its launch files 0.33 Hz) and after each ``report``. A
         goal near the last one is the same goal: when the way to it has not become shorter for
-        ``progress_timeout_s``, it is given up.
+        ``PROGRESS_TIMEOUT_S``, it is given up.
 
         Args:
             frontiers: in the order of preference.
@@ -253,11 +235,11 @@ class FrontierExplorer:
                 self._blacklist.clear()
                 continue
             goal, distance_m = choice
-            is_same = self._goal is not None and not _is_apart(np.array(goal), self._goal, self._settings)
+            is_same = self._goal is not None and not _is_apart(np.array(goal), self._goal)
             if not is_same or distance_m < self._least_distance_m:
                 self._least_distance_m, self._progress_time_s = distance_m, time_s
             self._goal = goal
-            if time_s - self._progress_time_s <= self._settings.progress_timeout_s:
+            if time_s - self._progress_time_s <= PROGRESS_TIMEOUT_S:
                 return goal
             self.report(succeeded=False)
         self._goal = None
@@ -271,7 +253,7 @@ class FrontierExplorer:
 
     def _choose(self, frontiers: Sequence[Frontier], taken: Sequence[Point]) -> tuple[Point, float] | None:
         """(goal, way to its frontier) of the first open frontier, one far from ``taken`` if any."""
-        for apart_m in (self._settings.taken_radius_m, 0.0):
+        for apart_m in (TAKEN_RADIUS_M, 0.0):
             for frontier in frontiers:
                 goals = frontier.approaches[self._is_open(frontier.approaches)]
                 for point in taken:
@@ -285,18 +267,18 @@ class FrontierExplorer:
         """(K,) for each of (K, 2) goals whether none that was given up is near."""
         is_open = np.ones(len(approaches), dtype=np.bool_)
         for point in self._blacklist:
-            is_open &= _is_apart(approaches, point, self._settings)
+            is_open &= _is_apart(approaches, point)
         return is_open
 
 
-def _is_apart(goals: Floats, point: Point, settings: FrontierSettings) -> Cells:
+def _is_apart(goals: Floats, point: Point) -> Cells:
     """(...) for each of (..., 2) goals whether it is another than a point."""
-    return np.asarray(np.abs(goals - point).max(axis=-1) >= settings.blacklist_half_width_m)
+    return np.asarray(np.abs(goals - point).max(axis=-1) >= BLACKLIST_HALF_WIDTH_M)
 
 
-def _reach(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings) -> tuple[Cells, Steps]:
+def _reach(costmap: OccupancyGrid, robot: Pose2D) -> tuple[Cells, Steps]:
     """Which cells can be driven on, and 4-neighbour steps from the robot, -1 for none; padded by one cell."""
-    traversable = np.pad((costmap.data >= 0) & (costmap.data < settings.traversable_below), 1)
+    traversable = np.pad((costmap.data >= 0) & (costmap.data < TRAVERSABLE_BELOW), 1)
     cells = _cells(traversable)
     if len(cells) == 0:
         return traversable, np.full(traversable.shape, -1, dtype=np.int32)

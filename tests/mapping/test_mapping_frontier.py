@@ -1,7 +1,6 @@
 import itertools
 import math
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +10,10 @@ from hypothesis.extra.numpy import arrays
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping import frontier
 from midnet_bench.mapping.frontier import (
     Frontier,
     FrontierExplorer,
-    FrontierSettings,
     assign_frontiers,
     find_frontiers,
     find_gaps,
@@ -27,8 +26,6 @@ def at(column, row):
     return Pose2D(column + 0.5, row + 0.5, 0.0)
 
 
-ONE_CELL = FrontierSettings(min_frontier_size_m=1.0)
-
 ROOM = """
 ##########
 #   ~???##
@@ -40,7 +37,7 @@ ROOM = """
 
 
 def test_size_distance_centroid_and_approach_of_each_frontier():
-    nearest, far = find_frontiers(grid(ROOM), at(1, 1), ONE_CELL)
+    nearest, far = find_frontiers(grid(ROOM), at(1, 1))
     # the door's single unknown cell that touches free space: every cell counts, the first one too
     assert (nearest.size_m, nearest.distance_m, nearest.centroid) == (1.0, 3.0, (5.5, 1.5))
     assert nearest.cost == pytest.approx(3.0 * 3.0 - 1.0 * 1.0)
@@ -53,16 +50,16 @@ def test_size_distance_centroid_and_approach_of_each_frontier():
 def test_resolution_and_origin_are_applied_once():
     scaled = grid(ROOM, resolution=0.5, origin=(10.0, -20.0))
     robot = Pose2D(*scaled.center_of(1, 1), 0.0)
-    near, far = find_frontiers(scaled, robot, FrontierSettings(min_frontier_size_m=0.5))
+    near, far = find_frontiers(scaled, robot)
     assert (near.distance_m, near.size_m, near.centroid) == (1.5, 0.5, (12.75, -19.25))
     assert far.centroid == (12.75, -18.0)
     assert near.cost == pytest.approx(3.0 * 1.5 - 0.5)
 
 
 def test_frontiers_behind_walls_and_inscribed_cells_do_not_count():
-    assert not find_frontiers(grid("#####\n# #?#\n#####"), at(1, 1), ONE_CELL)
-    assert not find_frontiers(grid("#####\n# i?#\n#####"), at(1, 1), ONE_CELL)
-    assert find_frontiers(grid("#####\n# ~?#\n#####"), at(1, 1), ONE_CELL)
+    assert not find_frontiers(grid("#####\n# #?#\n#####"), at(1, 1))
+    assert not find_frontiers(grid("#####\n# i?#\n#####"), at(1, 1))
+    assert find_frontiers(grid("#####\n# ~?#\n#####"), at(1, 1))
 
 
 def test_the_way_not_the_straight_line_decides():
@@ -76,36 +73,34 @@ def test_the_way_not_the_straight_line_decides():
 #######
 """
     )
-    left, right = find_frontiers(walled, at(3, 1), ONE_CELL)
+    left, right = find_frontiers(walled, at(3, 1))
     assert (left.centroid, left.distance_m) == ((1.5, 1.5), 1.0)
     assert (right.centroid, right.distance_m) == ((5.5, 1.5), 5.0)
 
 
 def test_small_frontiers_are_left_out_and_long_ones_are_cheaper():
     two = grid("#########\n#?     ?#\n##     ?#\n##     ?#\n#########")
-    assert len(find_frontiers(two, at(4, 3), FrontierSettings(min_frontier_size_m=1.0))) == 2
-    (only,) = find_frontiers(two, at(4, 3), FrontierSettings(min_frontier_size_m=2.0))
-    assert only.centroid == (7.5, 2.5)
-    by_length = FrontierSettings(min_frontier_size_m=1.0, potential_scale=0.001)
-    assert [frontier.size_m for frontier in find_frontiers(two, at(4, 3), by_length)] == [3.0, 1.0]
+    assert [frontier.size_m for frontier in find_frontiers(two, at(4, 3))] == [3.0, 1.0]
+    (only,) = find_frontiers(OccupancyGrid(two.data, 0.25, two.origin), Pose2D(1.125, 0.875, 0.0))
+    assert only.centroid == (1.875, 0.625)
 
 
 def test_a_frontier_goes_on_where_only_another_room_touches_it():
     """explore_lite asks whether an unknown cell has a free neighbour, not whether the robot can go there."""
-    (frontier,) = find_frontiers(grid("#####\n# ?##\n##? #\n#####"), at(1, 2), ONE_CELL)
+    (frontier,) = find_frontiers(grid("#####\n# ?##\n##? #\n#####"), at(1, 2))
     assert (frontier.size_m, frontier.distance_m) == (2.0, 0.0)
     np.testing.assert_allclose(frontier.approaches, [(1.5, 2.5)])
 
 
 @pytest.mark.parametrize("robot", [at(0, 0), at(-5, 2), Pose2D(1e3, 1e3, 0.0)])
 def test_a_robot_in_an_obstacle_or_off_the_grid_starts_from_the_nearest_free_cell(robot):
-    (frontier,) = find_frontiers(grid("####\n#  ?\n####"), robot, ONE_CELL)
+    (frontier,) = find_frontiers(grid("####\n#  ?\n####"), robot)
     assert frontier.centroid == (3.5, 1.5)
 
 
 def test_nothing_free_or_nothing_unknown_gives_no_frontier():
-    assert find_frontiers(grid("???\n???"), at(1, 1), ONE_CELL) == []
-    assert find_frontiers(grid("   \n   "), at(1, 1), ONE_CELL) == []
+    assert find_frontiers(grid("???\n???"), at(1, 1)) == []
+    assert find_frontiers(grid("   \n   "), at(1, 1)) == []
 
 
 def plain_search(data, row, column):
@@ -149,7 +144,7 @@ def plain_search(data, row, column):
 def test_agrees_with_a_plain_search(data):
     data[4, 5] = 0
     before = data.copy()
-    found = find_frontiers(OccupancyGrid(data, 1.0, (0.0, 0.0)), at(5, 4), ONE_CELL)
+    found = find_frontiers(OccupancyGrid(data, 1.0, (0.0, 0.0)), at(5, 4))
     expected = sorted(
         (len(group), steps, *(np.mean(list(group), axis=0)[::-1] + 0.5))
         for group, steps in plain_search(data, 4, 5).items()
@@ -168,18 +163,18 @@ CROSSING = grid("#########\n#?     ?#\n#########")
 
 
 def test_progress_timeout_blacklists_a_goal_that_comes_no_nearer():
-    explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0, second_chances=0))
+    explorer = FrontierExplorer()
     assert plan(explorer, at(3, 1), CROSSING, 0.0) == (2.5, 1.5)
     assert plan(explorer, at(3, 1), CROSSING, 30.0) == (2.5, 1.5)
     assert plan(explorer, at(2, 1), CROSSING, 31.0) == (2.5, 1.5)  # one step nearer: the clock restarts
     assert plan(explorer, at(2, 1), CROSSING, 61.0) == (2.5, 1.5)
     assert plan(explorer, at(2, 1), CROSSING, 61.1) == (6.5, 1.5)
     explorer.report(succeeded=False)
-    assert plan(explorer, at(2, 1), CROSSING, 62.0) is None
+    assert plan(explorer, at(2, 1), CROSSING, 62.0) == (2.5, 1.5)  # the second chance
 
 
 def test_an_aborted_goal_is_tried_again_only_when_nothing_else_is_left():
-    explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0, second_chances=1))
+    explorer = FrontierExplorer()
     goals = []
     for time_s in range(5):
         goals.append(plan(explorer, at(3, 1), CROSSING, float(time_s)))
@@ -188,18 +183,18 @@ def test_an_aborted_goal_is_tried_again_only_when_nothing_else_is_left():
 
 
 def test_goals_of_team_mates_are_left_to_them_while_there_are_others():
-    explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0))
+    explorer = FrontierExplorer()
     assert plan(explorer, at(3, 1), CROSSING, 0.0, taken=[(2.5, 1.5)]) == (6.5, 1.5)
     assert plan(explorer, at(3, 1), CROSSING, 1.0, taken=[(2.5, 1.5), (6.5, 1.5)]) == (2.5, 1.5)
 
 
 def test_team_mates_share_one_long_frontier():
     wall_of_unknown = grid("\n".join(["#" * 14, *["#     ?#######"] * 12, "#" * 14]))
-    explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0))
+    explorer = FrontierExplorer()
     first = plan(explorer, at(2, 6), wall_of_unknown, 0.0)
     second = plan(FrontierExplorer(), at(2, 6), wall_of_unknown, 0.0, taken=[first])
     assert first[0] == second[0] == 5.5
-    assert abs(first[1] - second[1]) >= FrontierSettings().taken_radius_m
+    assert abs(first[1] - second[1]) >= frontier.TAKEN_RADIUS_M
 
 
 def offered(costs):
@@ -293,8 +288,6 @@ def test_exploration_of_a_building_ends_when_all_of_it_is_seen(robots):
     assert not np.any(known[walls] == 0)
 
 
-ONE_CELL_GAPS = FrontierSettings(min_gap_m=1.0, view_m=4.0, look_radius_m=1.5)
-
 CORNER = """
 ?########
 ?#      #
@@ -306,27 +299,27 @@ CORNER = """
 
 
 def test_a_missing_corner_is_a_gap_that_is_looked_at_until_a_scan_was_taken_there():
-    room = grid(CORNER)
-    (gap,) = wall_gaps(room, 1.0)
-    assert gap == (2.0, (7.5, 1.5))  # the cells beside the free ones
-    (seen,) = find_gaps(room, room, at(3, 3), np.empty((0, 2)), ONE_CELL_GAPS)
+    room, robot = grid(CORNER, resolution=0.25), Pose2D(0.875, 0.875, 0.0)
+    (gap,) = wall_gaps(room)
+    assert gap == (0.5, (1.875, 0.375))  # the cells beside the free ones
+    (seen,) = find_gaps(room, room, robot, np.empty((0, 2)))
     assert (seen.size_m, seen.centroid) == (gap.length_m, gap.place)
-    assert np.hypot(*(seen.approaches - gap.place).T).max() <= 4.0
-    looks = seen.approaches
-    assert find_gaps(room, room, at(3, 3), looks, ONE_CELL_GAPS) == []
+    assert 0.5 < np.hypot(*(seen.approaches - gap.place).T).max() <= 1.0
+    assert find_gaps(room, room, robot, seen.approaches) == []
 
 
-def test_closed_walls_have_no_gap_and_a_frontier_without_a_wall_is_none():
-    assert wall_gaps(grid("?####?\n?#  #?\n?####?"), 1.0) == []
-    assert wall_gaps(grid("      \n  ??  \n      "), 1.0) == []
-    assert wall_gaps(grid(CORNER), 5.0) == []
+def test_closed_walls_have_no_gap_and_a_frontier_without_a_wall_is_none(monkeypatch):
+    assert wall_gaps(grid("?####?\n?#  #?\n?####?")) == []
+    assert wall_gaps(grid("      \n  ??  \n      ")) == []
     holes_in_a_wall = grid("       \n#######\n#? ??##\n#######\n       ", resolution=0.1)
-    assert wall_gaps(holes_in_a_wall, 0.1) == []
+    assert wall_gaps(holes_in_a_wall) == []
+    monkeypatch.setattr(frontier, "MIN_GAP_M", 2.4)  # the corner is no speck then, but too short
+    assert wall_gaps(grid(CORNER)) == []
 
 
 def test_a_gap_behind_a_wall_is_not_seen_and_comes_after_every_frontier():
     behind = grid("#########\n#   #   ?\n#   #####\n#   ??###\n#########")
-    explorer = FrontierExplorer(replace(ONE_CELL_GAPS, min_frontier_size_m=1.0))
+    explorer = FrontierExplorer()
     offers = explorer.offers(at(1, 2), behind, behind, np.empty((0, 2)))
     assert {offer.centroid for offer in offers} == {(4.5, 1.5)}
     assert [offer.cost for offer in offers] == sorted(offer.cost for offer in offers)
