@@ -1,6 +1,5 @@
 """A scan laid onto a known map: where the robot must have been to see it, and how sure that is."""
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -14,7 +13,6 @@ from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid, cells_to_unset
 
 FloatArray = npt.NDArray[np.float64]
-
 
 MIN_BEAMS = 30  # A fit to fewer beams that end on walls is not believed.
 MIN_SHARE, MIN_SHARE_RECORDED = 0.5, 0.3
@@ -79,7 +77,8 @@ class ScanToMap:
         definite, metres and radians squared, and about a metre along a corridor with no end in sight.
         """
         returned = (ranges_m > geometry.range_min_m) & (ranges_m < geometry.range_max_m)
-        ends = ranges_m[returned, None] * _directions(geometry)[returned] + geometry.mount[:2]
+        beams = directions(geometry.angles_rad[returned] + geometry.mount.yaw)
+        ends = ranges_m[returned, None] * beams + geometry.mount[:2]
         x, y = self._first_center
         start = np.array([pose.x - x, pose.y - y, pose.yaw])
         fitted, terms = fit(self._distances_m, self._cell_m, ends, start)
@@ -91,12 +90,6 @@ class ScanToMap:
         covariance += np.square(np.diag((self._cell_m, self._cell_m, self._cell_m / reach_m))) / 12.0
         dx, dy, yaw = fitted.tolist()
         return Pose2D(x + dx, y + dy, wrap_angle(yaw)), (covariance + covariance.T) / 2.0
-
-
-@functools.lru_cache(maxsize=16)
-def _directions(geometry: LidarGeometry) -> FloatArray:
-    """(beams, 2) unit vectors, robot frame."""
-    return directions(geometry.angles_rad + geometry.mount.yaw)
 
 
 @njit

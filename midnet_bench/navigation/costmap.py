@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -43,32 +42,18 @@ def reach_cells(radius_m: float, resolution: float) -> int:
     return max(0, math.ceil(round(radius_m / resolution, 9)))
 
 
-def inflation_costs(
-    reach_cells: int, resolution: float, inscribed_radius_m: float, cost_scaling_factor: float
-) -> Cells:
-    """(reach_cells**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
+def inflation_costs(settings: CostmapSettings, radius_m: float) -> Cells:
+    """(cells of the radius**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
 
     254 at 0, 253 within the inscribed radius, then 252 exp(-k (distance - inscribed radius)), truncated.
     """
-    distance_m = np.sqrt(np.arange(reach_cells * reach_cells + 1)) * resolution
-    beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
-    graded = (252.0 * from_python.exponentials(-cost_scaling_factor * beyond_m)).astype(np.uint8)
+    reach = reach_cells(radius_m, settings.resolution)
+    distance_m = np.sqrt(np.arange(reach * reach + 1)) * settings.resolution
+    beyond_m = np.maximum(distance_m - settings.inscribed_radius_m, 0.0)
+    graded = (252.0 * from_python.exponentials(-settings.cost_scaling_factor * beyond_m)).astype(np.uint8)
     costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
     costs[0] = LETHAL
     return costs
-
-
-class Inflation:
-    """Inflates grids of lethal, free and unknown cells as one costmap does."""
-
-    def __init__(self, settings: CostmapSettings) -> None:
-        s = settings
-        self.reach = reach_cells(s.inflation_radius_m, s.resolution)
-        self._costs = inflation_costs(self.reach, s.resolution, s.inscribed_radius_m, s.cost_scaling_factor)
-
-    def __call__(self, base: Cells) -> Cells:
-        """(H, W) uint8 costs of ``base``."""
-        return np.asarray(inflate(base, self._costs, self.reach))
 
 
 class Costmap(ABC):
@@ -84,9 +69,8 @@ class Costmap(ABC):
         self, settings: CostmapSettings, width: int, height: int, lattice_origin: tuple[float, float]
     ) -> None:
         self.settings = settings
-        self.lattice_origin = lattice_origin
         self.column = self.row = 0
-        self._inflated = Inflation(settings)
+        self._inflation = inflation_costs(settings, settings.inflation_radius_m)
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
         self.marks: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
         """(H, W) uint8: free (0), an obstacle (254) or unseen (255)"""
@@ -105,7 +89,7 @@ class Costmap(ABC):
     @property
     def origin(self) -> tuple[float, float]:
         """(x, y) of the lower-left corner, metres."""
-        (x, y), resolution = self.lattice_origin, self.settings.resolution
+        x, y, resolution = self._lattice
         return x + self.column * resolution, y + self.row * resolution
 
     @property
@@ -224,7 +208,7 @@ class RollingCostmap(Costmap):
     def costs(self) -> Cells:
         """(n, n) uint8 costs, row 0 lowest y; computed on first use after an update. Not to be written to."""
         if self._costs is None:
-            self._costs = self._inflated(self.marks)
+            self._costs = np.asarray(inflate(self.marks, self._inflation))
         return self._costs
 
     def _follow(self, pose: Pose2D) -> None:
@@ -270,10 +254,8 @@ class GlobalCostmap(Costmap):
             )
         x, y = self.to_cells(*static_map.origin)
         self._move_to(self.column + round(x), self.row + round(y), static_map.width, static_map.height)
-        data = static_map.data
-        self.static, self.static_costs = _static_costs(
-            data.tobytes(), data.dtype.str, data.shape, self.settings
-        )
+        self.static = static_layer(static_map, self.settings.track_unknown)
+        self.static_costs: Cells = inflate(self.static, self._inflation)
         """what the costs would be without any obstacle"""
         self._costs = self.static_costs.copy()
         self._touched = (0, 0, static_map.width, static_map.height)
@@ -282,9 +264,9 @@ class GlobalCostmap(Costmap):
     def costs(self) -> Cells:
         """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
         if self._touched is not None:
-            reach = self._inflated.reach
+            reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
             outer, inner = self._near_touched(2 * reach), self._near_touched(reach)
-            costs = self._inflated(combined(self.static[outer], self.marks[outer]))
+            costs = inflate(combined(self.static[outer], self.marks[outer]), self._inflation)
             old = self._costs[inner]
             y, x = (within.start - around.start for within, around in zip(inner, outer, strict=True))
             old[:] = costs[y : y + old.shape[0], x : x + old.shape[1]]
@@ -330,21 +312,10 @@ def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
     return layer
 
 
-@lru_cache(maxsize=8)
-def _static_costs(
-    cells: bytes, dtype: str, shape: tuple[int, int], settings: CostmapSettings
-) -> tuple[Cells, Cells]:
-    """Two of ``shape``, read-only: a map's static layer and its inflation, the same for a whole team."""
-    data = np.frombuffer(cells, dtype=dtype).reshape(shape)
-    layer = static_layer(OccupancyGrid(data, settings.resolution, (0.0, 0.0)), settings.track_unknown)
-    costs = Inflation(settings)(layer)
-    layer.flags.writeable = costs.flags.writeable = False
-    return layer, costs
-
-
 def static_costs(static_map: OccupancyGrid, settings: CostmapSettings) -> OccupancyGrid:
     """The published global costmap (int8) of a map without any scan: what the prior map is cut from."""
-    costs = Inflation(settings)(static_layer(static_map, settings.track_unknown))
+    costs_by_distance = inflation_costs(settings, settings.inflation_radius_m)
+    costs = inflate(static_layer(static_map, settings.track_unknown), costs_by_distance)
     return static_map.with_data(published(costs))
 
 
@@ -534,14 +505,16 @@ def combined(static: Cells, obstacles: Cells) -> Cells:
 
 
 @njit
-def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
+def inflate(base: Cells, cost_by_squared_distance: Cells) -> Cells:
     """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
 
     Exact Euclidean distances in two passes: down the columns first, then along the rows over the columns'
-    results. Unknown cells take a cost of 253 or more only. ``reach`` in cells, at most 100;
-    ``cost_by_squared_distance`` has reach**2 + 1 entries, and nothing is inflated beyond it.
+    results. Unknown cells take a cost of 253 or more only. ``cost_by_squared_distance``, of
+    ``inflation_costs``, has at most 100**2 + 1 entries, and nothing is inflated beyond it.
     """
     height, width = base.shape
+    limit = len(cost_by_squared_distance) - 1
+    reach = round(math.sqrt(limit))
     far = np.int16(reach + 1)
     # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
     gap = np.full((height + 2, width), far, dtype=np.int16)
@@ -550,7 +523,6 @@ def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
         for x in range(width):
             here[x] = 0 if cells[x] == LETHAL else min(np.int16(below[x] + 1), far)
     costs = base.copy()
-    limit = reach * reach
     padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
     squared = np.empty(width, dtype=np.int16)
     for row in range(height - 1, -1, -1):

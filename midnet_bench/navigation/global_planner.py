@@ -52,14 +52,12 @@ class GlobalPlanner:
         self._costmap = costmap
         self._goal_tolerance_m = goal_tolerance_m
         self._change_cells = reach_cells(_CHANGE_RADIUS_M, costmap.settings.resolution)
-        s = costmap.settings
-        tight = reach_cells(radii(s.footprint)[1], s.resolution)
-        costs = inflation_costs(tight, s.resolution, s.inscribed_radius_m, s.cost_scaling_factor)
-        self._tight_cost = max(1, int(costs[-1]))
+        tight_m = radii(costmap.settings.footprint)[1]
+        self._tight_cost = max(1, int(inflation_costs(costmap.settings, tight_m)[-1]))
         """the inflated cost at about the circumscribed radius from an obstacle"""
         self._potential: Potential | None = None
         self._obstacles_then = costmap.marks
-        self._computed_at_s: float | None = None
+        self._computed_at_s = -math.inf
         self._doubted = False
         self.is_covered = False
         """whether, at the newest potential, obstacles that are not on the map left no room at the goal"""
@@ -67,7 +65,7 @@ class GlobalPlanner:
     def reset(self) -> None:
         """Start anew: another goal, or costs that changed by more than scans."""
         self._potential = None
-        self._computed_at_s = None
+        self._computed_at_s = -math.inf
         self.is_covered = False
 
     def invalidate_plan(self) -> None:
@@ -79,9 +77,15 @@ class GlobalPlanner:
         path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
         if path is not None and not self._doubted and not self._changed_near(path):
             return path
-        if self._computed_at_s is not None and time_s - self._computed_at_s < _REPLAN_PERIOD_S:
+        if time_s - self._computed_at_s < _REPLAN_PERIOD_S:
             return path
-        self._compute_potential(goal, pose, time_s)
+        costs = self._grid(self._costmap.costs)
+        self._potential = potential_to(goal, costs, near=(pose.x, pose.y), tolerance_m=self._goal_tolerance_m)
+        self._obstacles_then = self._costmap.marks.copy()
+        self._computed_at_s = time_s
+        self.is_covered = self._has_no_room_at(goal)
+        # A goal that plans end beside is looked at again as often as the period allows.
+        self._doubted = self._potential is not None and self._potential.goal != goal
         return self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
 
     def is_blocked(self, goal: tuple[float, float], costs: Cells) -> bool:
@@ -100,15 +104,6 @@ class GlobalPlanner:
     def whole_plan(self, pose: Pose2D) -> Plan | None:
         """The way from the robot to the goal by the newest potential; for drawing."""
         return self._potential.path_from(pose.x, pose.y) if self._potential else None
-
-    def _compute_potential(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
-        costs = self._grid(self._costmap.costs)
-        self._potential = potential_to(goal, costs, near=(pose.x, pose.y), tolerance_m=self._goal_tolerance_m)
-        self._obstacles_then = self._costmap.marks.copy()
-        self._computed_at_s = time_s
-        self.is_covered = self._has_no_room_at(goal)
-        # A goal that plans end beside is looked at again as often as the period allows.
-        self._doubted = self._potential is not None and self._potential.goal != goal
 
     def _grid(self, costs: Cells) -> OccupancyGrid:
         return OccupancyGrid(costs, self._costmap.settings.resolution, self._costmap.origin)

@@ -296,9 +296,7 @@ class DwaSettings(Settings):
 
 
 TRAJECTORY_ROLLOUT_LIMITS = LocalPlannerLimits(
-    max_vel_x_mps=0.18,
     min_vel_x_mps=0.08,
-    max_vel_trans_mps=0.18,
     min_vel_trans_mps=0.08,
     max_vel_theta_radps=1.0,
     min_vel_theta_radps=1.0,

@@ -14,10 +14,11 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
     LETHAL,
     GlobalCostmap,
-    Inflation,
     RollingCostmap,
     clear_footprint,
     clear_line,
+    inflate,
+    inflation_costs,
     is_open_line,
 )
 from midnet_bench.navigation.navigation_settings import CostmapSettings
@@ -258,7 +259,7 @@ def test_a_footprint_at_a_pose_that_is_no_number_frees_nothing() -> None:
 def full_costs(costmap: GlobalCostmap) -> npt.NDArray[np.uint8]:
     static, seen = costmap.static, costmap.marks
     base = np.where((static == 255) | ((seen != 255) & (seen > static)), seen, static).astype(np.uint8)
-    return Inflation(costmap.settings)(base)
+    return inflate(base, inflation_costs(costmap.settings, costmap.settings.inflation_radius_m))
 
 
 @pytest.mark.parametrize("track_unknown", [False, True])

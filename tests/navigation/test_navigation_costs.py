@@ -75,7 +75,7 @@ def test_inflation_equals_an_exact_distance_transform(seed: int, reach: int, let
         size=rng.integers(1, 30, size=2),
         p=[0.8 - lethal_share, 0.2, lethal_share],
     )
-    costs = inflation_costs(reach, 0.05, 0.08, 4.0)
+    costs = inflation_costs(CostmapSettings(inscribed_radius_m=0.08, cost_scaling_factor=4.0), 0.05 * reach)
     distance = distance_transform_edt(base != 254) if (base == 254).any() else np.full(base.shape, np.inf)
     expected = base.copy()
     for cell in np.ndindex(*base.shape):
@@ -86,7 +86,7 @@ def test_inflation_equals_an_exact_distance_transform(seed: int, reach: int, let
             )
             if base[cell] != 255 or cost >= 253:
                 expected[cell] = cost if base[cell] == 255 else max(cost, int(base[cell]))
-    assert np.array_equal(inflate(base, costs, reach), expected)
+    assert np.array_equal(inflate(base, costs), expected)
 
 
 def test_the_static_layer_is_trinary_and_keeps_unknown_only_when_asked() -> None:

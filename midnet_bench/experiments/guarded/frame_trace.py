@@ -282,10 +282,7 @@ class FrameTrace:
         reach = reach_cells(settings.inflation_radius_m, settings.resolution)
         one = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
         one[reach, reach] = LETHAL
-        by_distance = inflation_costs(
-            reach, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
-        )
-        costs = published(inflate(one, by_distance, reach))
+        costs = published(inflate(one, inflation_costs(settings, settings.inflation_radius_m)))
         return np.argwhere(costs >= self._node.midnet.settings.thresh_local)[:, ::-1] - reach
 
     @property

@@ -82,11 +82,6 @@ def _least_cost(settings: CostmapSettings, thresh: int) -> int:
     """The least published cost that cells near an obstacle of such a costmap can have from ``thresh`` on."""
     from midnet_bench.navigation import costmap  # which takes a compiler
 
-    costs = costmap.inflation_costs(
-        costmap.reach_cells(settings.inflation_radius_m, settings.resolution),
-        settings.resolution,
-        settings.inscribed_radius_m,
-        settings.cost_scaling_factor,
-    )
+    costs = costmap.inflation_costs(settings, settings.inflation_radius_m)
     published = np.unique(costmap.published(costs[None, :]))
     return int(published[published >= thresh].min())
