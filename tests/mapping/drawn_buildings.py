@@ -116,7 +116,7 @@ def map_of(
     along = np.arange(0.0, RANGE_M, 0.8 * resolution)
     hits, passes = [], []
     for x, y in places:
-        ranges = cast(building, x, y, angles)
+        ranges = np.minimum(cast(building.boxes, x, y, angles), RANGE_M)
         hit = ranges < RANGE_M
         ranges = ranges + rng.normal(0.0, 0.01, 360) * hit
         believed = to_map.compose(Pose2D(x, y, 0.0))
@@ -146,16 +146,16 @@ def counted(
     return OccupancyGrid(data, resolution, (float(origin[0]), float(origin[1])))
 
 
-def cast(building: Building, x: float, y: float, angles: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(B,) distance to the nearest box along each angle, at most the sensor's range (slab method)."""
+def cast(boxes: list[Box], x: float, y: float, angles: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(B,) distance to the nearest box along each angle, inf where there is none (slab method)."""
     rays = np.stack((np.cos(angles), np.sin(angles)), axis=1)[:, None, :]
-    boxes = np.array(building.boxes)
-    with np.errstate(divide="ignore"):
-        low, high = (boxes[:, :2] - (x, y)) / rays, (boxes[:, 2:] - (x, y)) / rays
+    corners = np.array(boxes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = (corners[:, :2] - (x, y)) / rays, (corners[:, 2:] - (x, y)) / rays
     enter = np.minimum(low, high).max(axis=2)
     leave = np.maximum(low, high).min(axis=2)
     met = (enter > 0.0) & (enter < leave)
-    return np.minimum(np.where(met, enter, np.inf).min(axis=1), RANGE_M)
+    return np.where(met, enter, np.inf).min(axis=1)
 
 
 def random_frame(rng: np.random.Generator) -> Pose2D:

@@ -89,15 +89,11 @@ def test_what_moved_away_is_forgotten_once_nine_rays_passed_through() -> None:
 
 def test_rays_that_only_clear_make_no_hits_but_forget_them() -> None:
     maps = ParticleMaps(1, CELL_M)
+    maps.register(np.zeros((1, 3)), np.zeros((0, 2)), 0)
+    assert hit_points(maps, 0) == set()
     maps.register(np.zeros((1, 3)), np.array([[2.01, 0.01]]), 1)
     for _ in range(9):
         maps.register(np.zeros((1, 3)), np.array([[3.0, 0.01]]), 0)
-    assert hit_points(maps, 0) == set()
-
-
-def test_a_scan_of_no_rays_changes_nothing() -> None:
-    maps = ParticleMaps(1, CELL_M)
-    maps.register(np.zeros((1, 3)), np.zeros((0, 2)), 0)
     assert hit_points(maps, 0) == set()
 
 

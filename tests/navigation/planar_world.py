@@ -11,6 +11,7 @@ from midnet_bench.geometry import STOP, Box, Command, LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator, Status
 from midnet_bench.robots.burger import LDS_01
+from tests.mapping.drawn_buildings import cast
 
 LDS_RADIUS_M = 0.055
 LDS_CENTRE = Pose2D(-0.017, 0.0, 0.0)
@@ -61,15 +62,7 @@ class World:
         sensor = pose.compose(geometry.mount)
         angles = geometry.angles_rad + sensor.yaw
         ux, uy = np.cos(angles), np.sin(angles)
-        ranges = np.full(geometry.beams, np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for box in self.boxes:
-                near_x, far_x = (box.x_min - sensor.x) / ux, (box.x_max - sensor.x) / ux
-                near_y, far_y = (box.y_min - sensor.y) / uy, (box.y_max - sensor.y) / uy
-                entry = np.maximum(np.minimum(near_x, far_x), np.minimum(near_y, far_y))
-                leave = np.minimum(np.maximum(near_x, far_x), np.maximum(near_y, far_y))
-                hit = (entry <= leave) & (entry > 0.0)
-                ranges = np.where(hit & (entry < ranges), entry, ranges)
+        ranges = cast(self.boxes, sensor.x, sensor.y, angles)
         for other in others:
             disc = other.compose(LDS_CENTRE)
             dx, dy = disc.x - sensor.x, disc.y - sensor.y
