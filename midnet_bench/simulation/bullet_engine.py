@@ -79,25 +79,21 @@ _MASS_SHARE = 0.125
 _WHEEL_MASS, _CASTER_MASS = 0.03, 0.005  # shares of the robot's mass
 _BELOW_FLOOR_M = 0.05
 
-_idle: list[int] = []  # unused clients of this process, emptied
-
 
 class Client(SimpleNamespace):
     """An empty world of PyBullet's, with its functions: ``client.stepSimulation()``."""
 
     def __init__(self) -> None:
-        """Take one that was given back, or a new one, which takes 20 ms and 28 MB."""
-        self._number = _idle.pop() if _idle else int(bullet.connect(bullet.DIRECT))
+        self._number = int(bullet.connect(bullet.DIRECT))
         functions = {name: one for name, one in vars(bullet).items() if isbuiltin(one)}
         super().__init__(
             **{name: partial(one, physicsClientId=self._number) for name, one in functions.items()}
         )
 
     def close(self) -> None:
-        """Empty it for its next user; it is then as a new one, bit for bit. Twice does no harm."""
+        """Give back what it holds; twice does no harm."""
         if self._number >= 0:
-            self.resetSimulation()
-            _idle.append(self._number)
+            self.disconnect()
             self._number = -1
 
 
@@ -135,9 +131,7 @@ class BulletEngine:
         add_solids(self._ray_client, layout.solids)
         self._bodies = [load_robot(self.client, self._robot, pose) for pose in starts]
         self._mass_x_m = self._bodies[0].mass_x_m if starts else 0.0
-        # of the rims, left and right, m/s
-        self._targets = [(0.0, 0.0)] * len(starts)
-        self._speeds = [(0.0, 0.0)] * len(starts)
+        self._targets, self._speeds = np.zeros((2, len(starts), 2))  # of the rims, left and right, m/s
         for index in range(len(starts)):
             self._set_motors(index)
         self._present = list(range(len(starts)))  # the robots that are still in the arena
@@ -161,16 +155,14 @@ class BulletEngine:
         The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
         the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
         """
-        for index, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
-            if target != speed:
-                self._speeds[index] = (self._nearer(speed[0], target[0]), self._nearer(speed[1], target[1]))
-                self._set_motors(index)
+        missing = self._targets - self._speeds
+        most = self._robot.rim_acceleration_mps2 * (1.0 / self._step_hz)
+        nearer = self._speeds + np.copysign(most, missing)
+        self._speeds = np.where(np.abs(missing) <= most, self._targets, nearer)
+        for index in np.flatnonzero(missing.any(axis=1)).tolist():
+            self._set_motors(index)
         self.client.stepSimulation()
         self._poses = None
-
-    def _nearer(self, speed: float, target: float) -> float:
-        missing, most = target - speed, self._robot.rim_acceleration_mps2 * (1.0 / self._step_hz)
-        return target if abs(missing) <= most else speed + math.copysign(most, missing)
 
     def _set_motors(self, index: int) -> None:
         robot, (body, wheels, _) = self._robot, self._bodies[index]
@@ -178,7 +170,7 @@ class BulletEngine:
             body,
             wheels,
             bullet.VELOCITY_CONTROL,
-            targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[index]],
+            targetVelocities=(self._speeds[index] / robot.wheel_radius_m).tolist(),
             forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
         )
 

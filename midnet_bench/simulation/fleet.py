@@ -1,14 +1,12 @@
 """``Fleet``: all robots of a world, stepped in lockstep on integer ticks; how far and whether they move."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Dwell, Localizer, MobileRobot
 from midnet_bench.arena.layout import Layout
-from midnet_bench.compiled import njit
 from midnet_bench.geometry import STOP, Pose2D, lengths
 from midnet_bench.rng import stream
 from midnet_bench.simulation.sensors import EncoderOdometers, ImuSensors, LidarSensors
@@ -23,13 +21,6 @@ SCAN_HZ = 5  # The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz
 
 ScanCallback = Callable[[Sequence[MobileRobot], npt.NDArray[np.float64]], None]
 """Robots that have just taken a scan, and (m, beams) the ranges that they were given, metres."""
-
-
-class _Due(NamedTuple):
-    """Robots of which something is due at one tick of a period."""
-
-    robots: list[MobileRobot]
-    rows: npt.NDArray[np.int64]  # their indices
 
 
 class Fleet:
@@ -60,7 +51,7 @@ class Fleet:
         phases = [int(stream(seed, "phase", name).integers(self._health_ticks)) for name in names]
         self._controlling = _schedule(robots, phases, self._control_ticks)
         self._scanning = _schedule(robots, self._scan_phases(phases, names, seed), self._scan_ticks)
-        self._lidar_noise = lidars.noise([stream(seed, "lidar", name) for name in names])
+        self._lidar_noise = [stream(seed, "lidar", name) for name in names]
         self._imus = ImuSensors(settings.imu, [stream(seed, "imu", name) for name in names])
         self._odometers = (
             EncoderOdometers(
@@ -97,13 +88,13 @@ class Fleet:
         world = self.world
         world.step()
         due = self._controlling[world.tick % self._control_ticks]
-        if due.robots:
+        if due:
             self._localize(due)
             self._scan(self._scanning[world.tick % self._scan_ticks])
             self._control(due)
         if world.tick % self._health_ticks == 0:
             self.health.update(world.poses())
-        return due.robots
+        return due
 
     def stop(self, robot: MobileRobot) -> None:
         """Let a robot stand where it is, body and all; it senses and drives no more."""
@@ -118,7 +109,7 @@ class Fleet:
     def _unschedule(self, robot: MobileRobot) -> None:
         # Lists of their own: a robot may be caught while the fleet goes through the old ones.
         self._controlling, self._scanning = (
-            [_due([other for other in due.robots if other is not robot]) for due in schedule]
+            [[other for other in due if other is not robot] for due in schedule]
             for schedule in (self._controlling, self._scanning)
         )
 
@@ -133,9 +124,8 @@ class Fleet:
             for phase, name in zip(phases, names, strict=True)
         ]
 
-    def _localize(self, due: _Due) -> None:
-        elapsed_s = 1.0 / CONTROL_HZ
-        robots, rows = due
+    def _localize(self, robots: Sequence[MobileRobot]) -> None:
+        elapsed_s, rows = 1.0 / CONTROL_HZ, _indices(robots)
         poses, velocities = self.world.poses(), self.world.velocities(rows)
         headings = poses
         if self._has_yaw_errors:
@@ -147,35 +137,36 @@ class Fleet:
             velocities = self._odometers.update(rows, self.world.wheel_angles(), elapsed_s)
         self._localizer.step(robots, rows, poses, velocities, imus, elapsed_s)
 
-    def _scan(self, scanning: _Due) -> None:
-        robots, rows = scanning
+    def _scan(self, robots: Sequence[MobileRobot]) -> None:
         if not robots:
             return
         lidar, time_s = self.world.robot.lidar, self.time_s
-        scans = self._lidars.scan(rows, self._lidar_noise)
+        scans = self._lidars.scan(_indices(robots), self._lidar_noise)
         for robot, ranges in zip(robots, scans, strict=True):
             robot.observe(ranges, lidar, time_s)
         for callback in self.scan_callbacks:
             callback(robots, scans)
 
-    def _control(self, due: _Due) -> None:
+    def _control(self, robots: Sequence[MobileRobot]) -> None:
         time_s = self.time_s
-        places = self.world.poses()[due.rows, :2].tolist()
-        for robot, (x, y) in zip(due.robots, places, strict=True):
+        places = self.world.poses()[_indices(robots), :2].tolist()
+        for robot, (x, y) in zip(robots, places, strict=True):
             self.stands[robot.index].update(x, y, time_s, robot.goal is not None, robot.progress.goals_set)
             self.world.drive(robot.index, robot.control(time_s))
 
 
-def _schedule(robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int) -> list[_Due]:
+def _schedule(
+    robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int
+) -> list[list[MobileRobot]]:
     """For each tick of a period, which of the robots are due."""
     return [
-        _due([robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick])
+        [robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick]
         for tick in range(period_ticks)
     ]
 
 
-def _due(robots: list[MobileRobot]) -> _Due:
-    return _Due(robots, np.array([robot.index for robot in robots], dtype=np.int64))
+def _indices(robots: Sequence[MobileRobot]) -> npt.NDArray[np.int64]:
+    return np.array([robot.index for robot in robots], dtype=np.int64)
 
 
 class HealthTracker:
@@ -230,7 +221,6 @@ def surfaces(layout: Layout) -> Floats:
     return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
 
 
-@njit
 def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
     """(n,) whether the straight way from ``before`` to ``after`` goes through one of ``surfaces``.
 
@@ -239,15 +229,13 @@ def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np
     A robot's centre is never less than 38 mm from a surface that its body only touches, so going through
     even one side means that the body went through. NaN crosses nothing.
     """
-    crossed = np.zeros(len(before), dtype=np.bool_)
-    for i in range(len(before)):
-        xa, ya, xb, yb = before[i, 0], before[i, 1], after[i, 0], after[i, 1]
-        along_x, along_y = xb - xa, yb - ya
-        for k in range(len(sides)):
-            x1, y1, x2, y2 = sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3]
-            side_x, side_y = x2 - x1, y2 - y1
-            ends = (along_x * (y1 - ya) - along_y * (x1 - xa)) * (along_x * (y2 - ya) - along_y * (x2 - xa))
-            way = (side_x * (ya - y1) - side_y * (xa - x1)) * (side_x * (yb - y1) - side_y * (xb - x1))
-            if ends < 0.0 and way < 0.0:
-                crossed[i] = True
-    return crossed
+    start, way = before[:, None, :2], (after - before)[:, None, :2]
+    first, side = sides[:, :2], sides[:, 2:] - sides[:, :2]
+    ends = _turn(way, first - start) * _turn(way, sides[:, 2:] - start)
+    sidewards = _turn(side, start - first) * _turn(side, after[:, None, :2] - first)
+    return np.asarray(((ends < 0.0) & (sidewards < 0.0)).any(axis=1))
+
+
+def _turn(one: Floats, other: Floats) -> Floats:
+    """Above 0 where the other vector points to the left of the one."""
+    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])

@@ -25,38 +25,17 @@ from midnet_bench.simulation.world_settings import ImuSettings, LidarNoise, Lida
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-BLOCK = 64  # readings that are drawn at once, unless told otherwise
+Generators = Sequence[np.random.Generator]
 
 
-class NoiseBlocks:
-    """Numbers for the readings of n sensors; the same ones, in the same order, as drawn one by one."""
-
-    def __init__(self, rngs: Sequence[np.random.Generator], width: int, block: int = BLOCK) -> None:
-        """``width`` normal numbers for each reading of each generator's sensor, ``block`` drawn at once."""
-        self._rngs = rngs
-        self._normals: Floats = np.zeros((len(rngs), block, width))
-        self._used: Ints = np.full(len(rngs), block, dtype=np.int64)  # of each sensor's block
-        self._refill()
-
-    def take(self, rows: Ints) -> Floats:
-        """(m, width) the next reading of each of those sensors, of which none may come twice."""
-        readings = self._normals[rows, self._used[rows]]
-        self._used[rows] += 1
-        if (self._used == self._normals.shape[1]).any():
-            self._refill()
-        return readings
-
-    def _refill(self) -> None:
-        """Draw another block for every sensor that has used its own up."""
-        for sensor in np.flatnonzero(self._used == self._normals.shape[1]).tolist():
-            self._normals[sensor] = standard_normals(self._rngs[sensor], self._normals.shape[1:])
-            self._used[sensor] = 0
+def drawn(rngs: Generators, rows: Ints, width: int) -> Floats:
+    """(m, width) normal numbers, ``width`` from the generator of each of ``rows``."""
+    return np.array([standard_normals(rngs[row], (width,)) for row in rows.tolist()]).reshape(-1, width)
 
 
 NOTHING, SOLID = -1, -2  # What a beam met that was no robot: nothing, a wall or a stationary intruder.
 TOO_NEAR_M = 0.0
 """The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
-_SCANS = 16  # of a robot whose noise is drawn at once
 
 
 @njit
@@ -95,34 +74,19 @@ ERRORS: dict[LidarNoise, Errors] = {
 below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as each sensor's factor."""
 
 
-@njit
 def reported(
-    ranges: Floats,
-    normals: Floats,
-    scales: Floats,
-    sigma_m: float,
-    sigma_share: float,
-    near_m: float,
-    limits_m: tuple[float, float],
+    ranges: Floats, normals: Floats, scales: Floats, errors: Errors, limits_m: tuple[float, float]
 ) -> Floats:
     """(m, beams) what sensors report of true ``ranges``.
 
     ``TOO_NEAR_M`` below the lower limit, inf where nothing was met, else clamped to the limits. ``scales``:
-    (m,) factors, applied first; ``sigma_m`` and after as of :class:`Errors`.
+    (m,) factors, applied first.
     """
-    noisy = np.empty_like(ranges)
-    for i in range(ranges.shape[0]):
-        for k in range(ranges.shape[1]):
-            true_m = ranges[i, k]
-            if true_m < limits_m[0]:
-                noisy[i, k] = TOO_NEAR_M
-            elif true_m == np.inf:
-                noisy[i, k] = true_m
-            else:
-                scaled = true_m * scales[i]
-                sigma = sigma_m if scaled < near_m else sigma_share * scaled
-                noisy[i, k] = min(max(scaled + sigma * normals[i, k], limits_m[0]), limits_m[1])
-    return noisy
+    is_met = ranges < np.inf
+    scaled = np.where(is_met, ranges, 0.0) * scales[:, None]
+    sigmas_m = np.where(scaled < errors.near_m, errors.sigma_m, errors.sigma_share * scaled)
+    noisy = np.where(is_met, np.clip(scaled + sigmas_m * normals, *limits_m), np.inf)
+    return np.where(ranges < limits_m[0], TOO_NEAR_M, noisy)
 
 
 @njit
@@ -216,28 +180,23 @@ class LidarSensors:
         self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""
 
-    def noise(self, rngs: Sequence[np.random.Generator]) -> NoiseBlocks:
-        """The noise of all robots' scans, from a generator of each."""
-        return NoiseBlocks(rngs, self._lidar.beams, _SCANS)
-
-    def scan(self, indices: Sequence[int] | Ints, noise: NoiseBlocks) -> Floats:
+    def scan(self, indices: Sequence[int] | Ints, noise: Generators) -> Floats:
         """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres.
 
         inf where nothing reflects within range or the beam drops out; 0 (``TOO_NEAR_M``) where something
-        stands closer than the sensor's least range. ``noise``: of all robots of the world. A robot may come
-        once in ``indices``.
+        stands closer than the sensor's least range. ``noise``: of all robots of the world.
         """
         ranges = self.scan_and_bodies(indices, noise)[0]
         if self._dropout > 0.0:
             self.drop_out(ranges, [self._dropout_rngs[index] for index in indices])
         return ranges
 
-    def drop_out(self, ranges: Floats, rngs: Sequence[np.random.Generator]) -> None:
+    def drop_out(self, ranges: Floats, rngs: Generators) -> None:
         """Let beams of (m, beams) ``ranges`` drop out in place, by a generator of each sensor."""
         for own, rng in zip(ranges, rngs, strict=True):
             own[rng.random(len(own)) < self._dropout] = np.inf
 
-    def scan_and_bodies(self, indices: Sequence[int] | Ints, noise: NoiseBlocks) -> tuple[Floats, Ints]:
+    def scan_and_bodies(self, indices: Sequence[int] | Ints, noise: Generators) -> tuple[Floats, Ints]:
         """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
 
         ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing. No beam
@@ -250,17 +209,16 @@ class LidarSensors:
         _, true_ranges, bodies = self.newest = self.true_scan(rows)
         return self.measured(true_ranges, rows, noise), bodies
 
-    def measured(self, true_ranges: Floats, rows: Ints, noise: NoiseBlocks) -> Floats:
+    def measured(self, true_ranges: Floats, rows: Ints, noise: Generators) -> Floats:
         """(m, beams) what the LiDARs of those robots report of true ranges, inf for nothing; metres.
 
-        It takes one reading of each one's ``noise``. Errors as :class:`Errors` has them.
+        Each one's generator of ``noise`` gives a number for each beam. Errors as :class:`Errors` has them.
         """
-        sigma_m, sigma_share, near_m, _ = self._errors
         limits_m = self._lidar.range_min_m, self._lidar.range_max_m
-        if sigma_m == 0.0:
+        if self._errors.sigma_m == 0.0:
             return np.where(true_ranges < limits_m[0], TOO_NEAR_M, true_ranges)
-        normals, scales = noise.take(rows), self._scales[rows]
-        return np.asarray(reported(true_ranges, normals, scales, sigma_m, sigma_share, near_m, limits_m))
+        normals = drawn(noise, rows, self._lidar.beams)
+        return reported(true_ranges, normals, self._scales[rows], self._errors, limits_m)
 
     def true_scan(self, rows: Ints) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
@@ -272,14 +230,9 @@ class LidarSensors:
         own = poses[rows]
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
-        blind, (left_m, low_m) = self._blind, self._blind.origin
         for i, (x, y, _) in enumerate(own.tolist()):
-            row, column = (math.floor(d / blind.resolution) for d in (y - low_m, x - left_m))
-            if (
-                0 <= row < blind.data.shape[0]
-                and 0 <= column < blind.data.shape[1]
-                and blind.data[row, column]
-            ):
+            column, row = self._blind.cell_at(x, y)
+            if self._blind.contains_cell(column, row) and self._blind.data[row, column]:
                 # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
                 one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
                 ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])
@@ -301,70 +254,42 @@ def draw_scale(rng: np.random.Generator) -> float:
     return float(np.clip(1.0 + 0.05 / 3.0 * standard_normals(rng, (1,)).item(), 0.95, 1.05))
 
 
-ACCELEROMETER_STDDEV_MPS2, ACCELEROMETER_BIAS_MPS2, ACCELEROMETER_BIAS_STDDEV_MPS2 = 1.7e-2, 0.1, 1e-3
-
-
 class ImuSensors:
-    """The gyroscopes and forward accelerometers of n robots.
+    """The gyroscopes of n robots.
 
     ``gazebo`` takes the noise and bias that the Burger's description states. Gazebo's ROS 1 plugin read
     another key and published none of it, which is ``none``. A bias may have either sign. Yaw is the true one
     plus the integral of the gyroscope's errors, as of a filter that has nothing else to go by.
     """
 
-    def __init__(self, settings: ImuSettings, rngs: Sequence[np.random.Generator]) -> None:
-        """One generator for each robot, which gives its biases first and then its noise."""
-        self._noisy = settings.noise == "gazebo"
-        count = len(rngs)
-        signs = np.array([rng.choice((-1.0, 1.0), size=2) for rng in rngs])
-        draws = np.array([standard_normals(rng, (2,)) for rng in rngs])
-        means = np.array([settings.gyro_bias_radps, ACCELEROMETER_BIAS_MPS2])
-        spreads = np.array([settings.gyro_bias_stddev_radps, ACCELEROMETER_BIAS_STDDEV_MPS2])
-        deviations = np.tile([settings.gyro_stddev_radps, ACCELEROMETER_STDDEV_MPS2], (count, 1))
-        self._errors = np.hstack((signs * (means + spreads * draws), deviations, np.zeros((count, 2))))
-        """(n, 6) by the columns below"""
-        self._noise = NoiseBlocks(rngs, 2)
-        self._readings = np.full((count, 3), np.nan)
+    def __init__(self, settings: ImuSettings, rngs: Generators) -> None:
+        """One generator for each robot, which gives its bias first and then its noise.
+
+        It gives two numbers for each: the second was an accelerometer's, which no filter read.
+        """
+        self._rngs, self._settings = rngs, settings
+        signs = np.array([rng.choice((-1.0, 1.0), size=2)[0] for rng in rngs])
+        draws = np.array([standard_normals(rng, (2,))[0] for rng in rngs])
+        self._biases = signs * (settings.gyro_bias_radps + settings.gyro_bias_stddev_radps * draws)
+        self._drifts = np.zeros(len(rngs))
+        """(n,) the integral of each yaw rate's errors, radians"""
+        self._readings = np.full((len(rngs), 2), np.nan)
 
     def read(self, rows: Ints, poses: Floats, velocities: Floats, elapsed_s: float) -> Floats:
-        """(n, 3) yaw (rad), yaw rate (rad/s), forward acceleration (m/s2): new in ``rows``, else the last.
+        """(n, 2) yaw (rad) and yaw rate (rad/s): new in ``rows``, else the last.
 
         Given the truth now, ``elapsed_s`` after the last reading: (n, 3) poses, (n, 2) forward speeds and yaw
-        rates. Robots are taken to have stood still before their first reading. The acceleration is the mean
-        over the time elapsed; no filter here reads it.
+        rates.
         """
-        noise = self._noise.take(rows) if self._noisy else np.empty((0, 2))
-        read_imus(rows, poses, velocities, elapsed_s, noise, self._errors, self._readings)
+        yaws, rates = poses[rows, 2], velocities[rows, 1]
+        if self._settings.noise == "gazebo":
+            noise = drawn(self._rngs, rows, 2)[:, 0]
+            errors = self._biases[rows] + self._settings.gyro_stddev_radps * noise
+            self._drifts[rows] += errors * elapsed_s
+            yaws = (yaws + self._drifts[rows] + math.pi) % (2.0 * math.pi) - math.pi
+            rates = rates + errors
+        self._readings[rows] = np.column_stack((yaws, rates))
         return self._readings
-
-
-# Columns of an IMU's errors: the biases and standard deviations of yaw rate and acceleration, the integral of
-# the yaw rate's errors, and the last true forward speed. Radians, metres, seconds.
-RATE_BIAS, ACCELERATION_BIAS, RATE_STDDEV, ACCELERATION_STDDEV, DRIFT, SPEED = range(6)
-
-
-@njit
-def read_imus(
-    rows: Ints,
-    poses: Floats,
-    velocities: Floats,
-    elapsed_s: float,
-    noise: Floats,
-    errors: Floats,
-    readings: Floats,
-) -> None:
-    """Put the readings of ``rows`` into ``readings``; ``noise``: (m, 2), or (0, 2) for no errors at all."""
-    for i, row in enumerate(rows):
-        own, reading = errors[row], readings[row]
-        reading[0], reading[1] = poses[row, 2], velocities[row, 1]
-        reading[2] = (velocities[row, 0] - own[SPEED]) / elapsed_s
-        own[SPEED] = velocities[row, 0]
-        if len(noise) > 0:
-            rate_error = own[RATE_BIAS] + own[RATE_STDDEV] * noise[i, 0]
-            own[DRIFT] += rate_error * elapsed_s
-            reading[0] = (poses[row, 2] + own[DRIFT] + math.pi) % (2.0 * math.pi) - math.pi
-            reading[1] += rate_error
-            reading[2] += own[ACCELERATION_BIAS] + own[ACCELERATION_STDDEV] * noise[i, 1]
 
 
 TICK_RAD = 2.0 * math.pi / 4096  # The least turn of a wheel that its encoder tells apart.
@@ -378,7 +303,7 @@ class EncoderOdometers:
         starts: Floats,
         wheel_angles_rad: Floats,
         settings: OdometrySettings,
-        rngs: Sequence[np.random.Generator],
+        rngs: Generators,
         robot: RobotModel,
     ) -> None:
         """Start at known (n, 3) poses, so that the odometry frames are the map frame; draw the errors.
@@ -393,8 +318,8 @@ class EncoderOdometers:
         separations_m = robot.wheel_separation_m * (1.0 + settings.separation_error * draws[:, 2])
         self._wheels = np.column_stack((scales, separations_m))
         """(n, 3) the scales of the left and right wheel, and metres between them"""
-        self._numbers = TICK_RAD * robot.wheel_radius_m, settings.slip_m_per_sqrt_m
-        self._noise = NoiseBlocks(rngs, 2)
+        self._tick_m, self._slip = TICK_RAD * robot.wheel_radius_m, settings.slip_m_per_sqrt_m
+        self._rngs = rngs
         self._velocities = np.zeros((len(starts), 2))
 
     def update(self, rows: Ints, wheel_angles_rad: Floats, elapsed_s: float) -> Floats:
@@ -402,32 +327,13 @@ class EncoderOdometers:
 
         The poses of ``rows`` move along the heading half-way through the turn (midpoint rule).
         """
-        ticks = np.floor(wheel_angles_rad / TICK_RAD)
-        noise, wheels = self._noise.take(rows), self._wheels
-        ways = reckon(rows, ticks - self._ticks, self._numbers, wheels, noise, self.poses)
+        ticks, poses, wheels = np.floor(wheel_angles_rad / TICK_RAD), self.poses[rows], self._wheels[rows]
+        ways_m = (ticks - self._ticks)[rows] * self._tick_m * wheels[:, :2]
+        travel_m = ways_m + self._slip * np.sqrt(np.abs(ways_m)) * drawn(self._rngs, rows, 2)
+        forward_m = (travel_m[:, 0] + travel_m[:, 1]) / 2.0
+        turn = (travel_m[:, 1] - travel_m[:, 0]) / wheels[:, 2]
+        self.poses[rows, :2] += forward_m[:, None] * directions(poses[:, 2] + turn / 2.0)
+        self.poses[rows, 2] = (poses[:, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
         self._ticks[rows] = ticks[rows]
-        self._velocities[rows] = ways / elapsed_s
+        self._velocities[rows] = np.column_stack((forward_m, turn)) / elapsed_s
         return self._velocities
-
-
-@njit
-def reckon(
-    rows: Ints, ticks: Floats, numbers: tuple[float, float], wheels: Floats, noise: Floats, poses: Floats
-) -> Floats:
-    """Moves the odometry of ``rows`` on; (m, 2) how far each went, metres, and turned, radians.
-
-    ``ticks``: (n, 2) new ones of both wheels. ``numbers``: a tick's metres, and the slip.
-    """
-    ways, travel = np.empty((len(rows), 2)), np.empty(2)
-    tick_m, slip_m_per_sqrt_m = numbers
-    for i, row in enumerate(rows):
-        for wheel in range(2):
-            way = ticks[row, wheel] * tick_m * wheels[row, wheel]
-            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * noise[i, wheel]
-        forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / wheels[row, 2]
-        c, s = cos_sin(poses[row, 2] + turn / 2.0)
-        poses[row, 0] += forward * c
-        poses[row, 1] += forward * s
-        poses[row, 2] = (poses[row, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
-        ways[i, 0], ways[i, 1] = forward, turn
-    return ways

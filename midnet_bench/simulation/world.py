@@ -52,8 +52,6 @@ class World:
         self._has_velocities = hasattr(self.engine, "velocities")
         count = len(layout.robots + layout.intruders)
         self._active = np.ones(count, dtype=np.bool_)
-        self._there = np.arange(count)
-        """indices of the active ones"""
         self._collisions = np.zeros(count, dtype=np.int64)
         self._last_touch = np.full(count, -(10**9), dtype=np.int64)
         self._poses: Floats | None = None
@@ -103,7 +101,6 @@ class World:
         self._require_active(index)
         self._call("remove", index)
         self._active[index] = False
-        self._there = np.flatnonzero(self._active)
         self._poses = None
 
     def pose(self, index: int) -> Pose2D:
@@ -113,7 +110,7 @@ class World:
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of what ``pose`` gives for every robot; read-only, fresh per tick."""
         if self._poses is None:
-            self._poses = self._of_robots("poses", 3, self._there)
+            self._poses = self._of_robots("poses", 3, self._active)
             self._poses.flags.writeable = False
         return self._poses
 
@@ -123,7 +120,7 @@ class World:
         With ``rows``, only theirs are wanted: the others' may be NaN.
         """
         if self._has_velocities:
-            there = self._there if rows is None else rows[self._active[rows]]
+            there = np.flatnonzero(self._active) if rows is None else rows[self._active[rows]]
             return self._of_robots("velocities", 2, there, there)
         moved = self.poses() - self._before
         turned = (moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
@@ -132,7 +129,7 @@ class World:
 
     def wheel_angles(self) -> Floats:
         """(n, 2) how far the left and right wheel have turned, radians; NaN for a robot that is removed."""
-        return self._of_robots("wheel_angles", 2, self._there)
+        return self._of_robots("wheel_angles", 2, self._active)
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres to the first thing that is no robot, people included; inf if there is none.
@@ -166,11 +163,10 @@ class World:
             count = len(self._active)
             raise ValueError(f"robot {index} is not in this world (it has {count}, or it was removed)")
 
-    def _of_robots(self, method: str, columns: int, rows: Ints, *arguments: Any) -> Floats:
+    def _of_robots(self, method: str, columns: int, rows: npt.NDArray[Any], *arguments: Any) -> Floats:
         """What a method gives of each robot, checked for active ``rows``; NaN for those that were removed."""
         found = self._array(method, (len(self._active), columns), *arguments)
-        if len(self._there) < len(found):
-            found[~self._active] = np.nan
+        found[~self._active] = np.nan
         if not np.isfinite(found[rows]).all():
             raise self._wrong(method, "a number of a robot that is there is not finite")
         return found

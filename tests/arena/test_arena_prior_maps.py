@@ -11,7 +11,7 @@ from midnet_bench.arena.free_space import doors, free_space
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D, Solid
+from midnet_bench.geometry import Solid
 from midnet_bench.rng import stream
 
 MAP1, MAP2 = load_arena("map1"), load_arena("map2")
@@ -128,17 +128,3 @@ def test_a_slanted_wall_fills_what_points_on_it_fill() -> None:
     differing = np.argwhere(expected != grid.data)
     assert np.all(grid.data[expected == 100] == 100)
     assert len(differing) <= 5, "only cells that a corner of the wall merely grazes"
-
-
-def test_resolution_is_the_caller_s() -> None:
-    fine = render_exact(MAP1, 0.025)
-    assert fine.data.shape == (320, 320)
-    coarse = render_exact(MAP1).data
-    assert np.array_equal(fine.data.reshape(160, 2, 160, 2).max(axis=(1, 3)), coarse)
-
-
-def test_a_pose_in_the_ring_is_free_for_every_team() -> None:
-    free = free_space(MAP2, 0.2)
-    for robots in range(1, 6):
-        assert all(free.contains(pose.x, pose.y) for pose in place(MAP2, 1, robots, 0).robots)
-    assert isinstance(place(MAP2, 1, 1, 0).robots[0], Pose2D)

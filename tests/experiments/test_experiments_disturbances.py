@@ -35,7 +35,7 @@ def trial(**values: Any) -> Iterator[DetectionTrial]:
 def scan_now(made: DetectionTrial) -> np.ndarray:
     """Of every robot, with the same noise each time."""
     robots = range(len(made.fleet.robots))
-    return made.lidars.scan(robots, made.lidars.noise([np.random.default_rng(i) for i in robots]))
+    return made.lidars.scan(robots, [np.random.default_rng(i) for i in robots])
 
 
 def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
@@ -53,7 +53,7 @@ def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
         robots = range(len(whole.fleet.robots))
         noise = [[np.random.default_rng(i) for i in robots] for _ in range(2)]
         sights = [
-            each.lidars.scan_and_bodies(robots, each.lidars.noise(rngs))
+            each.lidars.scan_and_bodies(robots, rngs)
             for each, rngs in zip((whole, holey), noise, strict=True)
         ]
         np.testing.assert_array_equal(sights[0][0], sights[1][0], "who is in sight is told without dropout")
@@ -102,9 +102,7 @@ def test_sizes_change_intruders_where_they_are() -> None:
         assert usual.layout.stationary == other.layout.stationary
         robots = range(len(usual.fleet.robots))
         seen = [
-            made.lidars.scan_and_bodies(
-                robots, made.lidars.noise([np.random.default_rng(i) for i in robots])
-            )[1]
+            made.lidars.scan_and_bodies(robots, [np.random.default_rng(i) for i in robots])[1]
             for made in (usual, other)
         ]
         guards = [np.isin(bodies, [guard.index for guard in usual.guards]).sum() for bodies in seen]

@@ -4,11 +4,12 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pytest
 
 from midnet_bench.geometry import Box, Point
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import FREE, OCCUPIED, bounding_boxes, common_occupancy, foreground
-from midnet_bench.scoring.diagnosis import GuardView, Marks, SightLines, moved
+from midnet_bench.scoring.diagnosis import Cause, GuardView, Marks, SightLines, moved
 from midnet_bench.scoring.frame_counts import TruthObject
 
 RESOLUTION_M = 0.05
@@ -21,6 +22,11 @@ _NOBODY: Point = (0.0, 0.0)
 
 def intruder(x: float, y: float, side_m: float = 0.1, name: str = "intruder 1") -> TruthObject:
     return TruthObject(name, Box.square(x, y, side_m), (x, y))
+
+
+def assert_is(cause: Cause, expected: Cause) -> None:
+    assert cause[:3] == expected[:3]
+    assert cause[3:] == pytest.approx(expected[3:])
 
 
 def returns(

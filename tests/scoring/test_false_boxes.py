@@ -9,7 +9,7 @@ from midnet_bench.geometry import Box
 from midnet_bench.scoring.diagnosis import NOTHING, WALL, Cause, GuardView, Marks, ally, false_box_cause
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import TruthObject
-from tests.scoring.guard_views import guard_view, intruder, returns
+from tests.scoring.guard_views import assert_is, guard_view, intruder, returns
 
 HERE, FAR = intruder(1.0, 0.0), intruder(-1.0, 0.0)
 SEEN = (0.975, 0.025)
@@ -80,11 +80,6 @@ SCENES = {
 def explained(view: GuardView, truths: Sequence[TruthObject] = (HERE,)) -> Cause:
     (box,) = view.found
     return false_box_cause(box, view.guard, truths, [view])
-
-
-def assert_is(cause: Cause, expected: Cause) -> None:
-    assert cause[:3] == expected[:3]
-    assert cause[3:] == pytest.approx(expected[3:])
 
 
 @pytest.mark.parametrize("name", FALSE_CAUSES)

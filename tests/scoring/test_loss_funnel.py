@@ -10,7 +10,7 @@ from midnet_bench.geometry import Box
 from midnet_bench.scoring.diagnosis import NOTHING, WALL, Cause, GuardView, Marks, ally, miss_cause
 from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import TruthObject
-from tests.scoring.guard_views import guard_view, intruder, returns
+from tests.scoring.guard_views import assert_is, guard_view, intruder, returns
 
 HERE = intruder(1.0, 0.0)
 BEHIND = intruder(0.5, 0.0, name="stationary 1")
@@ -87,11 +87,6 @@ SCENES = {
 
 def explained(scene: Scene) -> Cause:
     return miss_cause(0, scene.truths, scene.detections, scene.views)
-
-
-def assert_is(cause: Cause, expected: Cause) -> None:
-    assert cause[:3] == expected[:3]
-    assert cause[3:] == pytest.approx(expected[3:])
 
 
 @pytest.mark.parametrize("name", MISS_CAUSES)

@@ -9,17 +9,7 @@ import pytest
 
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.world import World
-from midnet_bench.simulation.world_settings import WorldSettings
-from tests.simulation.scenes import WORLDS, scene
-
-
-@pytest.mark.parametrize("engine", ["bullet", "fast"])
-def test_the_setting_picks_the_engine(engine: str) -> None:
-    world = World(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine), BURGER)
-    assert f".{engine}" in type(world.engine).__module__
-    world.close()
+from tests.simulation.scenes import WORLDS
 
 
 def test_without_mujoco_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -263,7 +263,7 @@ def test_sides_inside_other_solids_are_left_out_and_corners_there_are_none() -> 
     walls = (((-1.0, 0.0), (1.0, 0.0)), ((0.0, 0.0), (0.0, 1.0)))
     layout = scene([(0.0, -0.5, 0.0)], arena=arena.model_copy(update={"walls": walls}))
     half = arena.wall_thickness_m / 2.0
-    sides = side_grid(outlines_of(layout.solids), 0.2).sides
+    sides, *_ = side_grid(outlines_of(layout.solids), 0.2)
     lengths = sides[:, 4]
     # the bar keeps its ends and its face below, is cut above, and the stem keeps what stands out of it
     expected = [2 * half, 2 * half, 2 + 2 * half, 1.0, 1.0, 2 * half, 1.0, 1.0, 2 * half]

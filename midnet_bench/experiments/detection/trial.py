@@ -45,7 +45,7 @@ class Scorer:
         """For a trial that has not begun."""
         self.test = test
         self.node = node
-        self.sight = trial.lidars.noise([stream(trial.seed, "sight", guard.name) for guard in trial.guards])
+        self.sight = [stream(trial.seed, "sight", guard.name) for guard in trial.guards]
         """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
         self.counted: list[tuple[FrameCounts, Causes]] = []  # of each frame of a whole trial

@@ -22,7 +22,7 @@ from midnet_bench.scoring.frame_counts import TruthObject, touches
 from midnet_bench.simulation.crowd import ranges_to
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
-from midnet_bench.simulation.sensors import NOTHING, SOLID, NoiseBlocks, NoiseFreeScan
+from midnet_bench.simulation.sensors import NOTHING, SOLID, NoiseFreeScan
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -61,7 +61,7 @@ class GroundTruthOverride:
 
     def __init__(self, node: DetectorNode, oracle: Oracle, trial: RobotTrial, seed: int) -> None:
         """For a trial that has not begun, of whose world guard i is robot i."""
-        self._node, self._oracle, self._trial, self._seed = node, oracle, trial, seed
+        self._node, self._oracle, self._trial = node, oracle, trial
         robots = trial.fleet.robots
         self._guards = [robot for robot in robots if isinstance(robot, Guard)]
         self._intruders = [robot for robot in robots if not isinstance(robot, Guard)]
@@ -70,7 +70,8 @@ class GroundTruthOverride:
         """where each guard truly was when it last localised, map frame"""
         self._newest_poses = [guard.pose for guard in self._guards]
         """at the newest frame, where that is not the instant of a control cycle"""
-        self._noise = self._noise_of("oracle lidar" if oracle == "delay" else "oracle echoes")
+        purpose = "oracle lidar" if oracle == "delay" else "oracle echoes"
+        self._noise = [stream(seed, purpose, guard.name) for guard in self._guards]
         self._dropouts = [stream(seed, "oracle dropout", guard.name) for guard in self._guards]
         self._walls = outlines_of(trial.world.layout.arena.wall_solids())
         self._lidars: dict[int, MultiEchoLidar] = {}  # by number of echoes: each keeps its directions
@@ -122,9 +123,6 @@ class GroundTruthOverride:
 
     def _true_pose(self, robot: MobileRobot) -> Pose2D:
         return self._trial.world.pose(robot.index)
-
-    def _noise_of(self, purpose: str) -> NoiseBlocks:
-        return self._trial.lidars.noise([stream(self._seed, purpose, guard.name) for guard in self._guards])
 
     def _take(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         self._node.observe(guard.index, scan.pose, scan.ranges_m, scan.lidar, scan.stamp_s)

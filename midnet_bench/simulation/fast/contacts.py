@@ -54,10 +54,10 @@ class Scene(NamedTuple):
     """What all bodies are, what stands about them, how time passes, and room for what is found of them."""
 
     hull: Floats  # (h, 7) by the columns ``X`` to ``LAST_Y``, base frame, metres
-    sides: Floats  # of a :class:`~.outlines.SideGrid` that reaches as far as a body and the widest gap
-    frame: Floats
-    first: Ints
-    members: Ints
+    sides: Floats  # (k, 7) those that bodies can touch, by the same columns, map frame
+    frame: Floats  # (4,) x and y of a grid's lower left corner, metres, columns, rows
+    first: Ints  # (cells + 1,) where the sides near each cell begin in ``members``; cells row by row
+    members: Ints  # rows of ``sides``, as far from a cell as a body and the widest gap reach
     hulls: Floats  # (n, h, 7) the hulls in the map frame
     rows: Floats  # (c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``
     pairs: Ints  # (c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``

@@ -31,15 +31,6 @@ class Outlines(NamedTuple):
     circles: Floats  # (s, 3) x, y and radius of a circle about each solid
 
 
-class SideGrid(NamedTuple):
-    """The sides that bodies can touch, and which of them are near each cell of a grid."""
-
-    sides: Floats  # (k, 7) by the columns ``X`` to ``LAST_Y``, metres
-    frame: Floats  # (4,) x and y of the grid's lower left corner, metres, columns, rows
-    first: Ints  # (cells + 1,) where the sides of each cell begin in ``members``; cells row by row
-    members: Ints  # rows of ``sides``
-
-
 def sides_of(outlines: Sequence[Floats]) -> Floats:
     """(k, 7) the sides of closed outlines, each of (c, 2) corners, by the columns ``X`` to ``LAST_Y``."""
     corners = np.concatenate(outlines)
@@ -64,8 +55,8 @@ def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
     return Outlines(sides, first, np.column_stack((centers, np.maximum.reduceat(off_m, first[:-1]))))
 
 
-def side_grid(outlines: Outlines, reach_m: float) -> SideGrid:
-    """The sides less what lies inside other solids, and for each cell all of those within ``reach_m``.
+def side_grid(outlines: Outlines, reach_m: float) -> tuple[Floats, Floats, Ints, Ints]:
+    """The sides less what lies inside other solids, and for each cell of a grid all those within ``reach_m``.
 
     Walls overlap where they meet. A body that slides along one must not catch on the end of the next.
     """
@@ -90,7 +81,7 @@ def side_grid(outlines: Outlines, reach_m: float) -> SideGrid:
     cells = (bottom[members] + place // wide[members]) * columns + left[members] + place % wide[members]
     order = np.argsort(cells, kind="stable")
     first = np.searchsorted(cells[order], np.arange(columns * rows + 1))
-    return SideGrid(sides, np.array([*origin, columns, rows]), first, members[order])
+    return sides, np.array([*origin, columns, rows]), first, members[order]
 
 
 @njit
