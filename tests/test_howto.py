@@ -11,12 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
+from midnet_bench.analysis import sequential
+from midnet_bench.workflows import size
 from tests.cli.command import midnet_bench
 
 SHORT = {
     "run rivals": ["--seeds", "2", "--frames", "3", "--engine", "fast", "--robots", "2"],
     "detection": ["--seeds", "1", "--frames", "3", "--engine", "fast", "--robots", "2"],
-    "size": ["--within", "10", "--probability", "0.02", "--trials", "40"],
+    "size": ["--within", "10", "--probability", "0.02", "--trials", "8"],
 }
 """what makes a command short; whether it runs is the question, not what comes of it"""
 PAGES = sorted((Path(__file__).parents[1] / "docs" / "howto").glob("*.md"))
@@ -27,6 +29,13 @@ def write_plan(folder: Path) -> None:
     walls = np.full((160, 200), 255, np.uint8)
     walls[:6] = walls[-6:] = walls[:, :6] = walls[:, -6:] = 0
     assert cv2.imwrite(str(folder / "plan.png"), walls)
+
+
+@pytest.fixture(autouse=True)
+def _small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``size`` looks after every eight trials instead of forty."""
+    monkeypatch.setattr(sequential, "BATCH", 8)
+    monkeypatch.setattr(size, "BATCH", 8)
 
 
 @pytest.mark.slow
@@ -41,7 +50,7 @@ def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
             continue
         for line in shown[2].splitlines():
             # whether it runs, not what comes of it
-            line = re.sub(r"--frames \d+", "--frames 3", line)
+            line = re.sub(r"--seeds 3", "--seeds 2", re.sub(r"--frames \d+", "--frames 2", line))
             words = shlex.split(line)
             if words[0] == "python":
                 subprocess.run([sys.executable, *words[1:]], cwd=tmp_path, check=True)

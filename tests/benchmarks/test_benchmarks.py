@@ -46,7 +46,7 @@ def test_gmapping(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 def test_growth_with_robots_and_area(capsys: pytest.CaptureFixture[str]) -> None:
-    growth.table("fast", [2, 4], [1.0, 2.0], 0.4, 1)
+    growth.table("fast", [2, 4], [1.0], 0.4, 1)
     said = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in said[2:4]] == ["2", "4"]
     assert said[-1].startswith("growth per robot from 2 to 4: ")

@@ -23,7 +23,7 @@ HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 @pytest.fixture(scope="module")
 def detection(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("detection")
-    done = worked("detection", "--frames", 8, "--seeds", 2, "--jobs", 2, "-o", "out", folder=folder)
+    done = worked("detection", "--frames", 3, "--seeds", 2, "--jobs", 2, "-o", "out", folder=folder)
     assert "paper" in done.stdout
     return folder / "out"
 
@@ -32,7 +32,7 @@ def test_detection_writes_the_papers_table_in_three_forms(detection: Path) -> No
     lines = (detection / "detection_scores.csv").read_text().splitlines()
     assert lines[0] == HEADER
     assert [line.split(",")[0] for line in lines[1:]] == ["1-robot", "5-robot"]
-    assert [line.split(",")[1] for line in lines[1:]] == ["16", "16"]
+    assert [line.split(",")[1] for line in lines[1:]] == ["6", "6"]
     assert "| 5-robot |" in (detection / "detection_scores.md").read_text()
     assert r"\begin{tabular}" in (detection / "detection_scores.tex").read_text()
 
@@ -46,12 +46,12 @@ def test_the_table_pools_what_the_seeds_counted(detection: Path) -> None:
         assert int(row["tp"]) == sum(int(one["tp"]) for one in own)
         frames = [one for one in rows(detection / "frames.csv") if one["robots"] == name[0]]
         assert int(row["fp"]) == sum(int(one["fp"]) for one in frames)
-        assert len(frames) == 16
+        assert len(frames) == 6
 
 
 def test_detection_leaves_configuration_and_provenance(detection: Path) -> None:
     configuration = json.loads((detection / "configuration.json").read_text())
-    assert configuration["parameters"]["frames"] == 8
+    assert configuration["parameters"]["frames"] == 3
     assert configuration["parameters"]["thresh_local"] == 99
     (run,) = json.loads((detection / "provenance.json").read_text())
     assert run["libraries"]["pybullet"]
@@ -63,7 +63,7 @@ def test_detection_leaves_configuration_and_provenance(detection: Path) -> None:
 def test_one_worker_gives_the_bytes_of_two_and_another_seed_gives_others(
     detection: Path, tmp_path: Path
 ) -> None:
-    run = ("detection", "--frames", 8, "--seeds", 2)
+    run = ("detection", "--frames", 3, "--seeds", 2)
     worked(*run, "--jobs", 1, "-o", "one", folder=tmp_path)
     worked(*run, "--seed", 7, "-o", "other", folder=tmp_path)
     for file in sorted(detection.glob("*.csv")):
@@ -83,7 +83,7 @@ def test_results_that_cannot_be_written_are_one_line_and_exit_code_2(detection: 
 
 def test_the_same_command_again_runs_nothing_and_prints_the_same(detection: Path) -> None:
     done = worked(
-        "detection", "--frames", 8, "--seeds", 2, "--json", "-o", detection, folder=detection.parent
+        "detection", "--frames", 3, "--seeds", 2, "--json", "-o", detection, folder=detection.parent
     )
     told = json.loads(done.stdout)
     assert (told["schema"], told["experiment"]) == (1, "detection")

@@ -20,7 +20,7 @@ CAMPAIGN = """
 experiment: labyrinth
 grid: {robots: [1, 2]}
 trials: 2
-parameters: {engine: fast, intruders: 1, time_limit_s: 4, prior_map: exact}
+parameters: {engine: fast, intruders: 1, time_limit_s: 1, prior_map: exact}
 """
 FILES = {
     ".numba_config.yaml": "cache_dir: {trap}\ndisable_jit: 1\nopt: 77\n",

@@ -106,7 +106,7 @@ def test_people_are_found_by_a_lidar_at_rest_and_none_in_an_empty_room(
     is_labelled, far = name.startswith("static_legs"), {"obstacle_range_m": 10.0}
     truth = ("--truth", RECORDINGS / name / "truth.csv") if is_labelled else ()
     setup = {"pose": "at:0,0,0", "clock": "header", "preset": "real", "settings": far}
-    setup |= {} if is_labelled else {"to_s": 10.0}
+    setup |= {} if is_labelled else {"to_s": 4.0}
     done = played(tmp_path, name, *truth, "-o", "out", **setup)
     assert done.returncode == 0, done.stderr
     (frames,) = rows(tmp_path / "out" / "recording_frames.csv")

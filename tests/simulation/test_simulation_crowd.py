@@ -62,8 +62,10 @@ def test_a_person_walks_by_the_walk_ratio_one_leg_standing_at_a_time(speed_mps: 
     )
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
-def test_nobody_walks_through_a_wall_or_through_each_other(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "steps"), [(1, 250), *(pytest.param(seed, 900, marks=pytest.mark.slow) for seed in (2, 3))]
+)
+def test_nobody_walks_through_a_wall_or_through_each_other(seed: int, steps: int) -> None:
     values = {**EMPTY.model_dump(), "stationary_intruders": {"count": 3}}
     values["walls"] = [*values["walls"], [[0.9, 3], [0.9, 0.9]], [[-3, -1], [-1, -1]]]
     values["other_intruders"] = [
@@ -75,7 +77,7 @@ def test_nobody_walks_through_a_wall_or_through_each_other(seed: int) -> None:
     crowd = Crowd(layout, STEP_S)
     rng = np.random.default_rng(seed)
     gap_m, apart_m, walked_m = math.inf, math.inf, 0.0
-    for _ in range(900):
+    for _ in range(steps):
         for member in crowd.members:
             if member.goal is None:
                 member.go_to(member.free.draw(rng))
@@ -88,7 +90,7 @@ def test_nobody_walks_through_a_wall_or_through_each_other(seed: int) -> None:
             for other in crowd.members:
                 if other is not member:
                     apart_m = min(apart_m, math.dist(member.place, other.place))
-    assert walked_m > 30.0
+    assert walked_m > steps / 30.0
     assert gap_m > 0.0
     assert apart_m > 0.2
 

@@ -7,7 +7,7 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.simulation.engine import SIMULATORS
-from midnet_bench.workflows.check import PLUGINS, _engine_faults, _robot_faults, check
+from midnet_bench.workflows.check import CHASE, PLUGINS, SHORT, _engine_faults, _robot_faults, check
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
@@ -80,6 +80,15 @@ MEASURES = {
     "with no intruders: ": "{'first': float(seen.truths[0].name != '')}",
 }
 """what ``frame`` of a broken metric gives"""
+
+
+@pytest.fixture(autouse=True)
+def _shorter_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is wrong shows in the first two frames."""
+    for values in (SHORT, CHASE):
+        for name, value in {"frames": 2, "robots": 1, "time_limit_s": 3.0}.items():
+            if name in values:
+                monkeypatch.setitem(values, name, value)  # type: ignore[arg-type]
 
 
 @pytest.fixture

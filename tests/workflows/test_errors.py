@@ -15,9 +15,9 @@ from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two seeds with one and with five guards, 25 frames each."""
+    """Two seeds with one and with five guards, 12 frames each."""
     place = tmp_path_factory.mktemp("errors")
-    run = ("detection", "--robots", "1,5", "--frames", 25, "--seeds", 2, "--engine", "fast", "--jobs", 1)
+    run = ("detection", "--robots", "1,5", "--frames", 12, "--seeds", 2, "--engine", "fast", "--jobs", 1)
     worked(*run, "--record", "-o", "recorded", folder=place)
     return place / "recorded"
 
@@ -83,11 +83,11 @@ def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
         ("--where robts=5", "has no factor 'robts'; did you mean 'robots'?"),
         ("--where robots", "--where robots: FACTOR=VALUE is needed, such as robots=5"),
         ("--robots 3", "--where robots=3: the grid has no such value"),
-        ("--where frames=9", "has frames=25 alone"),
+        ("--where frames=9", "has frames=12 alone"),
         ("--seed 9", "--seed 9: was not recorded"),
         ("--frame 1", "--frame: "),
         ("--seed 1 --frame 3", "several trials have seed 1; name one by --where: robots=1 or"),
-        ("--seed 1 --frame 26 --where robots=1", "the trial has frames 1 to 25"),
+        ("--seed 1 --frame 13 --where robots=1", "the trial has frames 1 to 12"),
     ],
 )
 def test_wrong_questions_are_answered_in_one_line(folder: Path, arguments: str, said: str) -> None:
@@ -112,7 +112,7 @@ def test_a_labyrinth_has_a_player_and_no_causes(tmp_path: Path) -> None:
 def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_path: Path) -> None:
     frame = ("--robots", 1, "--seed", 2, "--frame", 4)
     worked("errors", folder, *frame, "--grids", "drawn", folder=tmp_path)
-    worked("render", *frame, "--engine", "fast", "--frames", 25, "--no-clip", "-o", "again", folder=tmp_path)
+    worked("render", *frame, "--engine", "fast", "--frames", 12, "--no-clip", "-o", "again", folder=tmp_path)
     names = ["arena.png", "detections.png", "grids.png"]
     assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == names
     for name in names:
@@ -120,7 +120,7 @@ def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_pa
 
 
 def test_causes_and_one_frame_print_json(folder: Path) -> None:
-    for frame in ((), ("--robots", 5, "--where", "frames=25", "--seed", 1, "--frame", 1)):
+    for frame in ((), ("--robots", 5, "--where", "frames=12", "--seed", 1, "--frame", 1)):
         assert json.loads(worked("errors", folder, *frame, "--json", folder=folder).stdout)["tables"]
 
 

@@ -7,13 +7,22 @@ import cv2
 import numpy as np
 import pytest
 
+from midnet_bench.analysis import sequential
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.free_space import doors
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import layout_of
+from midnet_bench.workflows import size
 from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 
-QUICK = ("--within", 2, "--trials", 40, "-q")
+QUICK = ("--within", 2, "--trials", 20, "-q")
+
+
+@pytest.fixture(autouse=True)
+def _small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A look after every ten trials instead of forty."""
+    monkeypatch.setattr(sequential, "BATCH", 10)
+    monkeypatch.setattr(size, "BATCH", 10)
 
 
 def room(folder: Path, *, closed: bool = False) -> str:
@@ -61,7 +70,7 @@ def test_the_same_question_again_runs_nothing_and_gives_the_same_bytes(tmp_path:
     [
         (("--within", 0), "--within"),
         (("--probability", 1), "--probability"),
-        (("--trials", 50), "--trials"),
+        (("--trials", 55), "--trials"),
         (("--set", "robots=3"), "--set robots"),
         (("--set", "foo=1"), "foo"),
         (("--intruders", "99,0"), "--intruders"),

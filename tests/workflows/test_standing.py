@@ -16,7 +16,7 @@ from midnet_bench.workflows import standing
 from tests.cli.command import Done, rows, worked
 from tests.cli.test_cli_parts import MINE
 
-SHORT = ("--seeds", 2, "--seed", 9101, "--frames", 3, "--jobs", 1, "-q")
+SHORT = ("--seeds", 1, "--seed", 9101, "--frames", 2, "--jobs", 1, "-q")
 DOCS = Path(__file__).parents[2] / "docs"
 
 
