@@ -21,7 +21,6 @@ from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.ray_counts import RayCounts, dilated
-from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.truth import Label, Labels
 from midnet_bench.scoring.error_causes import RECORDED_MISSES
@@ -64,16 +63,14 @@ class Surroundings(NamedTuple):
 class Explainer:
     """Finds the causes of errors, scan by scan, and keeps them until the whole recording is known."""
 
-    def __init__(
-        self, preset: str, replay: Replay, settings: ReplaySettings, counts: RayCounts, kept: IO[bytes]
-    ) -> None:
+    def __init__(self, preset: str, replay: Replay, counts: RayCounts, kept: IO[bytes]) -> None:
         """Of the detector of one of a replay's presets, by ray counts that may serve several.
 
         ``kept``: an empty file, where rows wait for the causes that the end of the recording decides.
         """
-        self._preset, self._node, self._settings = preset, replay.nodes[preset], settings
+        self._preset, self._node, self._settings = preset, replay.nodes[preset], replay.settings[preset]
         self._map = prior_map = replay.prior_map
-        self.counts, self._kept = counts, kept
+        self.counts, self._kept, self._near_m = counts, kept, replay.setup.match_distance_m
         solid = (prior_map.data == 100).astype(np.uint8)
         self._wall_m = np.full(solid.shape, math.inf)
         if solid.any():
@@ -90,38 +87,40 @@ class Explainer:
         wall_m = values_at(self._wall_m, self._map, points, math.inf)
         return Surroundings(wall_m, values_at(self._map.data, self._map, points, UNKNOWN) < 0)
 
-    def misses(
-        self, frame: ReplayFrame, labels: Sequence[Label], missed: Sequence[int], near_m: float
-    ) -> None:
-        """Add a row for each missed label, by index, that a return lies near."""
+    def misses(self, frame: ReplayFrame, missed: Sequence[Label]) -> None:
+        """Add a row for each missed label."""
         made = frame.outputs[self._preset]
         view = self._node.midnet.update(made.observations, explain=True, allies=frame.fresh_allies)
-        for label in (labels[index] for index in missed):
-            cause, returns = self._miss_stage(frame, label, near_m, view)
+        for label in missed:
+            cause, returns = self._miss_stage(frame, label, view)
             apart_m = [box.distance_to_point(label.x, label.y) for box in made.frame.detections]
             self._keep(frame, "miss", cause, *label, 0.0, 0.0, returns, 0.0, min(apart_m, default=math.inf))
 
-    def _miss_stage(self, frame: ReplayFrame, label: Label, near_m: float, view: Frame) -> tuple[str, int]:
+    def _miss_stage(self, frame: ReplayFrame, label: Label, view: Frame) -> tuple[str, int]:
         """The last stage that returns near a label reached with any robot, and their number."""
         assert view.explanation is not None
-        every = sum(len(_points_near(one.returns, label, near_m)) for one in frame.observed)
-        if _near(frame.outputs[self._preset].frame.detections, label, near_m):
+        every = sum(len(self._points_near(one.returns, label)) for one in frame.observed)
+        if self._boxes_near(frame.outputs[self._preset].frame.detections, label):
             return "merged", every
         if self._settings.detector != "midnet":  # its stages are not known
             return "not_detected", every
         stages, total = ["beyond_range"], 0
         for one, robot in zip(frame.observed, view.explanation.views, strict=True):
             if one.scan is not None:
-                points = _points_near(one.returns, label, near_m)
+                points = self._points_near(one.returns, label)
                 free = points[self.surroundings(points).wall_m > self.counts.resolution_m]
                 points = free if len(free) else points
                 total += len(points)
-                stages.append(self._stage(one.robot, one.scan, points, robot, label, near_m))
+                stages.append(self._stage(one.robot, one.scan, points, robot, label))
         return max(stages, key=list(RECORDED_MISSES).index), total
 
-    def _stage(
-        self, robot: int, scan: Scan, points: Floats, view: RobotView, label: Label, near_m: float
-    ) -> str:
+    def _boxes_near(self, boxes: Sequence[Box], label: Label) -> list[Box]:
+        return [box for box in boxes if box.distance_to_point(label.x, label.y) <= self._near_m]
+
+    def _points_near(self, points: Floats, label: Label) -> Floats:
+        return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= self._near_m])
+
+    def _stage(self, robot: int, scan: Scan, points: Floats, view: RobotView, label: Label) -> str:
         """The stage at which one robot loses the (n, 2) returns near a label, map frame."""
         settings, midnet, prior = self._settings, self._settings.midnet, self._node.prior
         sensor = scan.pose.compose(scan.lidar.mount)
@@ -142,13 +141,13 @@ class Explainer:
         if not _is_left(view.d, points_on, math.ceil(settings.local_reach_m / prior.resolution)):
             is_unknown = settings.prior.unknown == "occupied" and about.unknown.mean() > 0.5
             return "unknown_cells" if is_unknown else "under_prior"
-        if _near(view.kept, label, near_m):
+        if self._boxes_near(view.kept, label):
             return "dropped_by_fusion"
-        if _near(view.found, label, near_m):
+        if self._boxes_near(view.found, label):
             return "taken_for_ally"
         corner = [round((view.d.origin[k] - prior.origin[k]) / prior.resolution) for k in (0, 1)]
         contours = bounding_boxes(view.d.data, (corner[0], corner[1]), prior).tolist()
-        grown = _near([Box._make(box) for box in contours], label, near_m)
+        grown = self._boxes_near([Box._make(box) for box in contours], label)
         if not grown:
             return "displaced"
         free = int(np.count_nonzero(values_on))
@@ -162,13 +161,7 @@ class Explainer:
         is_small = largest < midnet.min_area_cells or not midnet.min_returns
         return "too_small" if is_small else "too_few_returns"
 
-    def boxes(
-        self,
-        frame: ReplayFrame,
-        wrong: Mapping[int, Sequence[int]],
-        labels: Labels | None,
-        distance_m: float,
-    ) -> None:
+    def boxes(self, frame: ReplayFrame, wrong: Mapping[int, Sequence[int]], labels: Labels | None) -> None:
         """Add a row for each box that is no label's own: by index, and the labels that it touches."""
         for label in labels.there if labels else ():
             low, high = self._label_ways.setdefault(label.name, ([math.inf] * 2, [-math.inf] * 2))
@@ -176,29 +169,25 @@ class Explainer:
                 low[axis], high[axis] = min(low[axis], at), max(high[axis], at)
         for index, touched in wrong.items():
             box = frame.outputs[self._preset].frame.detections[index]
-            returns, about = self._in_box(frame, box)
+            returns = np.concatenate([self._in_box(box, one.returns) for one in frame.observed])
+            about = self.surroundings(returns)
             if labels is not None and touched:
                 kind, cause, age_s, name = "fragment", "fragment", 0.0, labels.there[touched[0]].name
             else:
                 kind = "box" if labels is None else "false"
-                cause, age_s, name = self._false_positive_source(frame, box, about, labels, distance_m)
+                cause, age_s, name = self._false_positive_source(frame, box, about, labels)
             size = box.x_max - box.x_min, box.y_max - box.y_min
             inside = returns if cause in MAY_STAY and len(returns) else None
             cells = (kind, cause, name, *box.center, *size, len(returns), age_s, middle(about.wall_m))
             self._keep(frame, *cells, inside=inside)
 
     def _false_positive_source(
-        self,
-        frame: ReplayFrame,
-        box: Box,
-        about: Surroundings,
-        labels: Labels | None,
-        distance_m: float,
+        self, frame: ReplayFrame, box: Box, about: Surroundings, labels: Labels | None
     ) -> tuple[str, float, str]:
         """Cause, age in seconds, and the name of its label, ally or robot."""
         there, gaps = labels or ((), ())
         for label in gaps:
-            if box.distance_to_point(label.x, label.y) <= distance_m:
+            if box.distance_to_point(label.x, label.y) <= self._near_m:
                 return "label_gap", 0.0, label.name
         for plan, estimate in frame.allies:
             if estimate is None:
@@ -212,7 +201,7 @@ class Explainer:
             if is_team and box.distance_to_point(*one.estimate.pose[:2]) <= NEAR_M:
                 return "ally_left", one.estimate.age_s, f"robot {one.carrier + 1}"
         for label in there:
-            if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
+            if box.distance_to_point(label.x, label.y) <= self._near_m + NEAR_M:
                 return "displaced", 0.0, label.name
         if not len(about.wall_m):
             newest_s = self.counts.newest_hit_s((box.x_min, box.y_min), (box.x_max, box.y_max))
@@ -226,18 +215,16 @@ class Explainer:
             return ("pose_error" if self._better_pose_corrects(frame, box) else "near_wall"), 0.0, ""
         return "unlabelled", 0.0, ""
 
-    def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
-        """The returns of the last scans in a box or a cell beside it, and what the map has about them."""
-        cell_m = self._map.resolution
-        each = [one.returns[_is_inside(box, one.returns, cell_m)] for one in frame.observed]
-        points = np.concatenate(each)
-        return points, self.surroundings(points)
+    def _in_box(self, box: Box, points: Floats) -> Floats:
+        """Those of (n, 2) points, map frame, that lie in a box or a cell beside it."""
+        grown = box.shrunk(-self._map.resolution)
+        return np.asarray(points[((points >= grown[:2]) & (points <= grown[2:])).all(axis=1)])
 
     def _better_pose_corrects(self, frame: ReplayFrame, box: Box) -> bool:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
         grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
         for one in frame.observed:
-            points = one.returns[_is_inside(box, one.returns, self._map.resolution)]
+            points = self._in_box(box, one.returns)
             pose = self._matched_pose(one.robot, one.scan) if one.scan is not None and len(points) else None
             if one.scan is None or pose is None:
                 continue
@@ -269,16 +256,15 @@ class Explainer:
         while self._kept.tell() < end:
             cells, points = pickle.load(self._kept)
             row = ErrorRow(*cells)
-            if points is not None and row.offset_m > WALL_STAYS_M and not self._stands(row):
+            if points is not None and row.offset_m > WALL_STAYS_M:
+                # what is beside a labelled object that was in one place at all its errors is the object's
+                is_beside = row.cause in BESIDE_A_LABEL
+                is_known = is_beside and math.dist(*self._label_ways[row.name]) <= NEAR_M
                 points_stay = values_at(grid.data, grid, points, -1)
                 points_stay = points_stay[points_stay >= 0]
-                if len(points_stay) and points_stay.mean() > 0.5:
+                if not is_known and len(points_stay) and points_stay.mean() > 0.5:
                     row = row._replace(cause="unmapped")
             yield row
-
-    def _stands(self, row: ErrorRow) -> bool:
-        """Whether a box is beside a labelled object that was in one place at all its errors."""
-        return row.cause in BESIDE_A_LABEL and math.dist(*self._label_ways[row.name]) <= NEAR_M
 
 
 def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
@@ -287,19 +273,6 @@ def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
         d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1].any()
         for column, row in cells_of(d, points).tolist()
     )
-
-
-def _near(boxes: Sequence[Box], label: Label, near_m: float) -> list[Box]:
-    return [box for box in boxes if box.distance_to_point(label.x, label.y) <= near_m]
-
-
-def _points_near(points: Floats, label: Label, near_m: float) -> Floats:
-    return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= near_m])
-
-
-def _is_inside(box: Box, points: Floats, margin_m: float) -> npt.NDArray[np.bool_]:
-    low, high = (box.x_min - margin_m, box.y_min - margin_m), (box.x_max + margin_m, box.y_max + margin_m)
-    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def middle(values: Floats) -> float:

@@ -146,7 +146,8 @@ class Replay:
         self.nodes = {name: DetectorNode(one, prior_map, len(robots)) for name, one in settings.items()}
         self.robots, self.prior_map, self.tally = list(robots), prior_map, Tally()
         self.done = 0.0  # share of the recordings that was read
-        self._recorded, self._setup, self._correctors = recorded, setup, correctors
+        self.settings, self.setup = settings, setup
+        self._recorded, self._correctors = recorded, correctors
         self.tracks: dict[Link, PoseTrack] = {}
         """the tracks that poses are made of"""
         names = list(dict.fromkeys(robot.carrier for robot in robots))
@@ -229,7 +230,7 @@ class Replay:
             return False
         if not isinstance(reading, ScanReading | PoseReading) or self._jumps(source, reading):
             return False
-        time_ns = stamp_ns(reading, self._setup.clock) + self._recorded.offsets_ns[source]
+        time_ns = stamp_ns(reading, self.setup.clock) + self._recorded.offsets_ns[source]
         if isinstance(reading, PoseReading):
             by_topic = self.tracks.get(Link(source, reading.topic))
             track = by_topic or self.tracks.get(Link(source, "", reading.frame, reading.child))
@@ -277,7 +278,7 @@ class Replay:
 
     def _jumps(self, source: int, reading: ScanReading | PoseReading) -> bool:
         """Whether a stamp lies hours off where the last one of its topic leaves it; that is counted."""
-        if self._setup.clock == "record":
+        if self.setup.clock == "record":
             return False
         lag_ns = reading.record_ns - reading.stamp_ns
         child = reading.child if isinstance(reading, PoseReading) else ""
@@ -298,12 +299,12 @@ class Replay:
         if now_ns < item.time_ns + (0 if is_alone else HOLD_NS):
             return False
         until_ns = item.time_ns
-        if self._setup.deskew and item.laser is not None and item.scan is not None:
+        if self.setup.deskew and item.laser is not None and item.scan is not None:
             until_ns += round(item.laser.plan.beam_s * NS * len(item.scan.ranges_m))
         return all(where.is_known_at(until_ns) for where in self._interpolators)
 
     def _passed(self, item: _Pending) -> Iterator[ReplayFrame]:
-        if item.laser is None or (self._observe(item, item.laser) and self._setup.rate_hz is None):
+        if item.laser is None or (self._observe(item, item.laser) and self.setup.rate_hz is None):
             frame = self._frame(item)
             if frame is not None:
                 yield frame
@@ -311,13 +312,13 @@ class Replay:
             where.forget(item.time_ns)
 
     def _seconds(self, time_ns: int) -> float:
-        tick_hz = self._setup.tick_hz
+        tick_hz = self.setup.tick_hz
         return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
 
     def _observe(self, item: _Pending, laser: _Laser) -> bool:
         """Take a scan into its robot's costmap; whether that was done."""
         assert item.scan is not None
-        plan, scan, max_age_s = laser.plan, item.scan, self._setup.max_pose_age_s
+        plan, scan, max_age_s = laser.plan, item.scan, self.setup.max_pose_age_s
         if not len(scan.ranges_m):
             return self.tally.skip("has no range at all", item.place)
         estimate = laser.where.at(item.time_ns)
@@ -332,7 +333,7 @@ class Replay:
             lidar = geometry_of(geometry, len(ranges_m), plan.mount, plan.is_mirrored)
         except InputError as error:
             return self.tally.skip(str(error), item.place)
-        if self._setup.deskew:
+        if self.setup.deskew:
             last = laser.where.at(item.time_ns + round(plan.beam_s * NS * lidar.beams))
             if last is not None and last.age_s <= max_age_s:
                 ranges_m = deskewed(ranges_m, lidar, last.pose.relative_to(estimate.pose))
@@ -360,7 +361,7 @@ class Replay:
             estimate = one.where.at(time_ns) if is_scan else one.where.latest(time_ns)
             if estimate is None:
                 continue
-            if is_scan and (one.scan is None or estimate.age_s > self._setup.max_pose_age_s):
+            if is_scan and (one.scan is None or estimate.age_s > self.setup.max_pose_age_s):
                 continue
             if one.correction is not None:
                 estimate = estimate._replace(pose=one.correction.compose(estimate.pose))
@@ -372,7 +373,7 @@ class Replay:
         for plan, ally in allies:
             age_s = math.inf if ally is None else ally.age_s
             tally.oldest_ally_s[plan.name] = max(tally.oldest_ally_s.get(plan.name, 0.0), age_s)
-            if ally is not None and age_s <= self._setup.max_ally_age_s:
+            if ally is not None and age_s <= self.setup.max_ally_age_s:
                 fresh_allies.append(Ally(ally.pose, plan.diameter_m))
             else:
                 tally.late_allies[plan.name] += 1

@@ -2,13 +2,16 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import IO, NamedTuple
 
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.detectors.tracking import Events
 from midnet_bench.geometry import Box, Scan, wrap_angle
 from midnet_bench.recording.causes import Explainer
-from midnet_bench.recording.replay import ReplayFrame, RobotObservation
-from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.replay import Replay, ReplayFrame, RobotObservation
 from midnet_bench.recording.truth import Label, Labels, matched
 from midnet_bench.scoring.frame_counts import (
     NOTHING,
@@ -33,13 +36,15 @@ class Score:
     labelled: int = 0  # frames with labels, which alone are scored
     boxes: int = 0
     not_visible: int = 0  # labels in range that no return lies near
+    events: Events = field(default_factory=Events)
+    switches: int = 0  # how often a label came to another track
 
-    def looked_at(self) -> dict[str, float | int | str]:
+    def looked_at(self) -> dict[str, Scalar]:
         """Frames and boxes: a row of the table of frames."""
         per_frame = self.boxes / max(self.frames, 1)
         return {"frames": self.frames, "boxes": self.boxes, "boxes_per_frame": per_frame}
 
-    def scored(self) -> dict[str, float | int | str]:
+    def scored(self) -> dict[str, Scalar]:
         """The paper's counts and ratios; the columns are those of a trial's."""
         counts = self.counts
         return {
@@ -52,7 +57,7 @@ class Score:
             **ratios(counts.tp, counts.fp, counts.fn)._asdict(),
         }
 
-    def paired(self) -> dict[str, float | int | str]:
+    def paired(self) -> dict[str, Scalar]:
         """The same by one-to-one matching, as in a trial's tables."""
         counts = self.counts
         return {
@@ -63,6 +68,23 @@ class Score:
             **ratios(counts.matched, counts.fp + counts.duplicates, counts.missed)._asdict(),
             "mean_error_m": counts.error_sum_m / counts.matched if counts.matched else math.nan,
             "gospa_per_frame_m": counts.gospa_m / max(self.labelled, 1),
+        }
+
+    def came(self, has_truth: bool) -> dict[str, Scalar]:
+        """How many events there were; with labels, how many were none, and MOTA.
+
+        MOTA (Bernardin, Stiefelhagen 2008): 1 - (missed, false, second boxes and switched tracks) / labels.
+        """
+        every, counts = self.events.gathered(), self.counts
+        if not has_truth:
+            return {"events": len(every)}
+        wrong = counts.missed + counts.fp + counts.duplicates + self.switches
+        return {
+            "events": len(every),
+            "false_events": sum(not event.is_true for event in every),
+            "false_events_per_hour": self.events.false_per_hour,
+            "id_switches": self.switches,
+            "mota": 1.0 - wrong / counts.intruders_in_range if counts.intruders_in_range else math.nan,
         }
 
 
@@ -77,25 +99,42 @@ class FrameScore(NamedTuple):
 
 
 class Scorer:
-    """Scores frame after frame of one detector."""
+    """Scores frame after frame of one detector, and has errors explained."""
 
-    def __init__(self, preset: str, explainer: Explainer, range_m: float, setup: RecordingSetup) -> None:
-        self._preset, self._explainer, self._range_m, self._setup = preset, explainer, range_m, setup
-        self.score = Score()
+    def __init__(self, preset: str, replay: Replay, counts: RayCounts, kept: IO[bytes]) -> None:
+        """See :class:`Explainer`."""
+        self._preset, self._setup = preset, replay.setup
+        self._range_m = replay.settings[preset].range_m
+        self.score, self.explainer = Score(), Explainer(preset, replay, counts, kept)
+        self._track_of: dict[str, int] = {}
+        """label -> the track that it was on last"""
 
     def take(self, frame: ReplayFrame, labels: Labels | None) -> FrameScore | None:
-        """Score one frame; None without labels. Which box was paired with which label."""
+        """Score one frame, and take its boxes for events; None without labels."""
         score, boxes = self.score, frame.outputs[self._preset].frame.detections
         score.frames += 1
         score.boxes += len(boxes)
         if labels is None:
-            self._explainer.boxes(frame, dict.fromkeys(range(len(boxes)), ()), None, 0.0)
+            self.explainer.boxes(frame, dict.fromkeys(range(len(boxes)), ()), None)
+            score.events.take(boxes, [False] * len(boxes), frame.time_ns / NS)
             return None
         score.labelled += 1
+        found = self._scored(frame, boxes, labels)
+        is_true = [bool(on) for on in found.match.touched]
+        tracks = score.events.take([boxes[k] for k in found.scored], is_true, frame.time_ns / NS)
+        for label, place in zip(found.labels, found.match.detection_of, strict=True):
+            if place is not None:
+                score.switches += self._track_of.get(label.name, tracks[place]) != tracks[place]
+                self._track_of[label.name] = tracks[place]
+        return found
+
+    def _scored(self, frame: ReplayFrame, every: Sequence[Box], labels: Labels) -> FrameScore:
+        """Which box was paired with which label; the counts and the causes of the others."""
+        score = self.score
         distance_m = self._setup.match_distance_m
         there = [one for one in labels.there if self._is_scored(frame.observed, one.x, one.y)]
-        scored = self._scored_boxes(frame.observed, boxes, labels.there, there)
-        boxes = [boxes[index] for index in scored]
+        scored = self._scored_boxes(frame.observed, every, labels.there, there)
+        boxes = [every[index] for index in scored]
         match = matched(boxes, there, distance_m)
         seen = [self._visibility(frame.observed, label) for label in there]
         in_range = [counts and is_visible for counts, is_visible in seen]
@@ -104,12 +143,12 @@ class Scorer:
             TruthObject(one.name, Box.square(one.x, one.y, 2.0 * distance_m), (one.x, one.y)) for one in there
         ]
         score.counts = total([score.counts, count_frame(boxes, truths, in_range, match=match)])
-        missed = [k for k, found in enumerate(match.detection_of) if found is None and in_range[k]]
+        missed = [one for k, one in enumerate(there) if match.detection_of[k] is None and in_range[k]]
         wrong = {scored[k]: match.touched[k] for k, truth in enumerate(match.truth_of) if truth is None}
         if missed:
-            self._explainer.misses(frame, there, missed, distance_m)
+            self.explainer.misses(frame, missed)
         if wrong:
-            self._explainer.boxes(frame, wrong, labels._replace(there=there), distance_m)
+            self.explainer.boxes(frame, wrong, labels._replace(there=there))
         return FrameScore(there, in_range, match, scored)
 
     def _scored_boxes(
@@ -156,8 +195,8 @@ class Scorer:
             counts = True
             dx, dy = one.returns[:, 0] - label.x, one.returns[:, 1] - label.y
             near = dx * dx + dy * dy <= self._setup.match_distance_m * self._setup.match_distance_m
-            wall_m = self._explainer.surroundings(one.returns[near]).wall_m
-            is_visible |= bool((wall_m > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any())
+            wall_m = self.explainer.surroundings(one.returns[near]).wall_m
+            is_visible |= bool((wall_m > OFF_WALLS_CELLS * self.explainer.counts.resolution_m).any())
         return counts, is_visible
 
     def _is_in_view(self, scan: Scan, label: Label) -> bool:

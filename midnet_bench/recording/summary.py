@@ -2,13 +2,13 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
-from midnet_bench.detectors.tracking import Event, Events
+from midnet_bench.detectors.tracking import Event
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 from midnet_bench.recording.files.survey import lag_in_words, lags_s, stand_still
@@ -177,46 +177,25 @@ def unlabelled(setup: RecordingSetup, truth: Truth, played: Replay) -> str:
 
 
 def score_tables(scores: Mapping[str, Score], has_truth: bool) -> list[Table]:
-    """A row for each preset: what was looked at; with labels, the paper's scores and one-to-one scores."""
-    kinds = [
+    """A row for each preset: frames and events; with labels, the paper's scores and one-to-one scores too."""
+    kinds: list[tuple[str, str, Callable[[Score], Mapping[str, Scalar]]]] = [
         ("recording_frames", "Frames and boxes", Score.looked_at),
         ("recording_scores", "Detection scores, as the paper counts", Score.scored),
         ("recording_matching", "One-to-one matching: a second box on one label is false", Score.paired),
+        ("recording_events", "Events: what came, however many boxes it had", lambda one: one.came(has_truth)),
     ]
     return [
         Table(name, title, [{"preset": preset, **row_of(one)} for preset, one in scores.items()])
-        for name, title, row_of in (kinds if has_truth else kinds[:1])
+        for name, title, row_of in (kinds if has_truth else [kinds[0], kinds[-1]])
     ]
 
 
-def event_table(events: Mapping[str, tuple[Events, int]], scores: Mapping[str, Score]) -> Table:
-    """A row for each preset: how many events there were; with labels, how many were none, and MOTA.
-
-    ``events`` come with how often a label came to another track.
-
-    MOTA (Bernardin and Stiefelhagen 2008): 1 - (missed, false, second boxes and switched tracks) / labels.
-    """
-    rows: list[dict[str, Scalar]] = []
-    for name, (gathered, switches) in events.items():
-        every = gathered.gathered()
-        row: dict[str, Scalar] = {"preset": name, "events": len(every)}
-        if name in scores:
-            row["false_events"] = sum(not event.is_true for event in every)
-            row["false_events_per_hour"] = gathered.false_per_hour
-            counts = scores[name].counts
-            wrong = counts.missed + counts.fp + counts.duplicates + switches
-            row["id_switches"] = switches
-            row["mota"] = 1.0 - wrong / counts.intruders_in_range if counts.intruders_in_range else math.nan
-        rows.append(row)
-    return Table("recording_events", "Events: what came, however many boxes it had", rows)
-
-
-def event_rows(events: Mapping[str, Events], has_truth: bool) -> str:
+def event_rows(scores: Mapping[str, Score], has_truth: bool) -> str:
     """``events.csv``: a row for each event of each preset."""
     fields = Event._fields if has_truth else Event._fields[:-1]
     lines = [",".join(("preset", "event", *fields))]
-    for name, gathered in events.items():
-        for number, event in enumerate(gathered.gathered(), start=1):
+    for name, score in scores.items():
+        for number, event in enumerate(score.events.gathered(), start=1):
             cells = [f"{cell:.3f}" if isinstance(cell, float) else str(cell).lower() for cell in event]
             lines.append(",".join((name, str(number), *cells[: len(fields)])))
     return "\n".join(lines) + "\n"

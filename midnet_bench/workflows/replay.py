@@ -7,17 +7,16 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
-from midnet_bench.detectors.tracking import Events
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Scan
 from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
-from midnet_bench.recording.causes import ErrorRow, Explainer
+from midnet_bench.recording.causes import ErrorRow
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.setup_check import Proposal, find_setup, line_of, start_of
@@ -25,12 +24,11 @@ from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
 from midnet_bench.recording.ray_counts import RayCounts, Unmapped, unmapped
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.replay_bag import check_place, replay_bag
-from midnet_bench.recording.scores import FrameScore, Scorer
+from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.summary import (
     cause_table,
     event_rows,
-    event_table,
     input_summary,
     lag_lines,
     replay_faults,
@@ -39,7 +37,6 @@ from midnet_bench.recording.summary import (
     setup_table,
     unlabelled,
 )
-from midnet_bench.recording.truth import Labels
 
 SETUP_FILE = "setup.yaml"
 BOXES = ("preset", "frame", "t", "scan_index", "robot", "x_min_m", "y_min_m", "x_max_m", "y_max_m")
@@ -81,7 +78,7 @@ def replay(
         check_place(bag, [*files, Path(setup.background or files[0])])
     with prepared(files, setup, note) as inputs, ExitStack() as stack:
         run = _Run(inputs, _folder(inputs, output), stack)
-        for line in input_summary(inputs, run.settings):
+        for line in input_summary(inputs, run.played.settings):
             note(line)
         faults = [line for robot in inputs.robots for line in report_fit(inputs, robot, note)]
         with run.writing(film, bag, note) as take:
@@ -95,7 +92,7 @@ def replay(
         faults += replay_faults(run.played, inputs.setup, note)
         if not run.played.tally.frames:
             raise InputError("; ".join(faults) or f"{files[0]}: no frame came of it")
-        if inputs.setup.truth and not any(one.scorer.score.labelled for one in run.presets.values()):
+        if inputs.setup.truth and not any(one.score.labelled for one in run.scorers.values()):
             faults.append(unlabelled(inputs.setup, run.labels, run.played))
         return run.results(film, faults, note)
 
@@ -104,52 +101,26 @@ def _folder(inputs: ReplayInputs, output: Path | None) -> Path:
     return output or Path("results") / f"replay-{inputs.recorded.names[0]}"
 
 
-class _Preset:
-    """What one detector's boxes come to: scores, causes, events."""
-
-    def __init__(self, name: str, run: "_Run", kept: IO[bytes]) -> None:
-        settings = run.settings[name]
-        self.name, self.explainer = name, Explainer(name, run.played, settings, run.counts, kept)
-        self.scorer = Scorer(name, self.explainer, settings.range_m, run.inputs.setup)
-        self.events, self.switches = Events(), 0
-        self._track_of: dict[str, int] = {}
-        """label -> the track that it was on last"""
-
-    def take(self, frame: ReplayFrame, labels: Labels | None) -> FrameScore | None:
-        """Score the boxes, and take them for events; with labels, those within sector and window alone."""
-        score, boxes = self.scorer.take(frame, labels), frame.outputs[self.name].frame.detections
-        scored = range(len(boxes)) if score is None else score.scored
-        true = [False] * len(scored) if score is None else [bool(on) for on in score.match.touched]
-        tracks = self.events.take([boxes[k] for k in scored], true, frame.time_ns / NS)
-        for label, place in zip(score.labels, score.match.detection_of, strict=True) if score else ():
-            if place is not None:
-                self.switches += self._track_of.get(label.name, tracks[place]) != tracks[place]
-                self._track_of[label.name] = tracks[place]
-        return score
-
-
 class _Run:
     """One pass over the recordings with all presets."""
 
     def __init__(self, inputs: ReplayInputs, folder: Path, stack: ExitStack) -> None:
         """``stack`` closes the files of the explanations. Raises InputError: settings, allies or labels."""
-        self.inputs, self.folder, self.settings = inputs, folder, inputs.settings()
-        grid = inputs.prior_map
-        self.labels = inputs.labels()
-        self.played = inputs.replay(self.settings, self.labels.followed)
+        self.inputs, self.folder, self.labels, grid = inputs, folder, inputs.labels(), inputs.prior_map
+        self.played = inputs.replay(inputs.settings(), self.labels.followed)
         self.counts = RayCounts(grid.resolution, grid.origin, (grid.height, grid.width))
         self._newest: dict[int, Scan] = {}
         """laser -> the scan of it that was counted last"""
-        self.presets = {
-            name: _Preset(name, self, stack.enter_context(TemporaryFile()))  # noqa: SIM115
-            for name in self.settings
+        self.scorers = {
+            name: Scorer(name, self.played, self.counts, stack.enter_context(TemporaryFile()))  # noqa: SIM115
+            for name in self.played.settings
         }
 
     @contextmanager
     def writing(self, film: bool, bag: Path | None, note: Note) -> Iterator[Callable[[ReplayFrame], None]]:
         """What scores a frame and writes it to all files that are open meanwhile."""
-        reach_m = 2.0 * max(settings.range_m for settings in self.settings.values())
-        scored_from_ns, first = self.inputs.scored_from_ns, next(iter(self.presets))
+        reach_m = 2.0 * max(settings.range_m for settings in self.played.settings.values())
+        scored_from_ns, first = self.inputs.scored_from_ns, next(iter(self.scorers))
         with _boxes_file(self.folder) as write_boxes, ExitStack() as stack:
             draw = self._film(first, stack) if film else None
             as_bag = None
@@ -161,11 +132,11 @@ class _Run:
                     return
                 self._count(frame, reach_m)
                 labels = self.labels.at(frame)
-                for name, preset in self.presets.items():
-                    frame_score = preset.take(frame, labels)
+                for name, scorer in self.scorers.items():
+                    frame_score = scorer.take(frame, labels)
                     write_boxes(_box_rows(name, frame))
                     if draw is not None and name == first:
-                        draw(frame, frame_score, preset.scorer.score)
+                        draw(frame, frame_score, scorer.score)
                 if as_bag is not None:
                     as_bag.write(frame)
 
@@ -189,19 +160,11 @@ class _Run:
 
     def results(self, film: bool, faults: list[str], note: Note) -> Replayed:
         """Write errors and tables."""
-        folder, presets, has_truth = self.folder, self.presets, bool(self.inputs.setup.truth)
-        counted = _write_errors(folder / "errors.csv", presets)
-        write_atomically(
-            folder / "events.csv",
-            event_rows({name: one.events for name, one in presets.items()}, has_truth),
-        )
-        scores = {name: one.scorer.score for name, one in presets.items()}
-        events = {name: (one.events, one.switches) for name, one in presets.items()}
-        tables = [
-            *score_tables(scores, has_truth),
-            event_table(events, scores if has_truth else {}),
-            cause_table(counted),
-        ]
+        folder, has_truth = self.folder, bool(self.inputs.setup.truth)
+        counted = _write_errors(folder / "errors.csv", self.scorers)
+        scores = {name: one.score for name, one in self.scorers.items()}
+        write_atomically(folder / "events.csv", event_rows(scores, has_truth))
+        tables = [*score_tables(scores, has_truth), cause_table(counted)]
         files = [folder / "boxes.csv", folder / "errors.csv", folder / "events.csv"]
         files += [file for table in tables for file in table.write(folder)]
         files += [folder / "trial.mp4", folder / "storyboard.png"] * film
@@ -211,7 +174,7 @@ class _Run:
 
     def _write_unmapped(self, note: Note) -> list[Path]:
         """What stays put and is not on the map: ``unmapped.csv``, and the map with it."""
-        prior, folder = self.played.nodes[next(iter(self.presets))].prior, self.folder
+        prior, folder = next(iter(self.played.nodes.values())).prior, self.folder
         things, patched = unmapped(self.counts, self.inputs.prior_map, prior)
         lines = [",".join(_cells(thing, 3)) for thing in (Unmapped._fields, *things)]
         write_atomically(folder / "unmapped.csv", "\n".join(lines) + "\n")
@@ -321,14 +284,14 @@ def _cells(row: Iterable[Any], digits: int) -> list[str]:
     return [f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell) for cell in row]
 
 
-def _write_errors(path: Path, presets: Mapping[str, _Preset]) -> dict[str, Counter[tuple[str, str]]]:
+def _write_errors(path: Path, scorers: Mapping[str, Scorer]) -> dict[str, Counter[tuple[str, str]]]:
     """Write every error, row by row; how many there are of each kind and cause, by preset."""
     counted: dict[str, Counter[tuple[str, str]]] = {}
     with temporary_path(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
         file.write(",".join(["preset", *ErrorRow._fields]) + "\n")
-        for name, preset in presets.items():
+        for name, scorer in scorers.items():
             counted[name] = Counter()
-            for one in preset.explainer.settled():
+            for one in scorer.explainer.settled():
                 file.write(",".join([name, *_cells(one, 4)]) + "\n")
                 counted[name][one.kind, one.cause] += 1
     return counted

@@ -35,7 +35,7 @@ def film(
         InputError: the place cannot be written.
         MidnetBenchError: there is no room, or ffmpeg fails.
     """
-    node, prior_map, settings = replay.nodes[preset], inputs.prior_map, inputs.settings()[preset]
+    node, prior_map, settings = replay.nodes[preset], replay.prior_map, replay.settings[preset]
     title = f"{inputs.recorded.names[0]}, preset {preset}"
     # of a recorded robot no more than its footprint is known
     model = replace(settings.robot_model, body=boxed(settings.robot_model.footprint))
