@@ -104,7 +104,7 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
         for text in setup.pose.values():
             if Path(text).suffix in (".csv", ".tum", ".txt"):
                 sources.append(read_text(Path(text)).called(text))
-        recorded = Recorded.of(sources, file_names([Path(source.path) for source in sources]), setup)
+        recorded = Recorded.of(sources, setup)
         remarks = [one.remarks for one in sources] + [one.remarks for one in recorded.surveys]
         for remark in itertools.chain(*remarks):
             note(remark)
@@ -150,7 +150,7 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str
         InputError: a recording cannot be read.
     """
     with opened(files) as sources:
-        recorded = Recorded.of(sources, file_names(files), RecordingSetup())
+        recorded = Recorded.of(sources, RecordingSetup())
         tables, lines = [], []
         for path, one in zip(files, recorded.surveys, strict=True):
             tables.append(Table("topics", f"{path}: {one.duration_s:.1f} s", listing(one)))
@@ -187,12 +187,6 @@ def proposal(files: Sequence[Path], recorded: Recorded) -> list[str]:
 
 def _grids(recorded: Recorded) -> list[str]:
     return [name for one in recorded.surveys for name, at in one.streams.items() if at.topic.kind == "grid"]
-
-
-def file_names(files: Sequence[Path]) -> list[str]:
-    """A name for each recording: its own without the ending; numbered where two are alike."""
-    stems = [path.name.split(".")[0] for path in files]
-    return [stem if stems.count(stem) == 1 else f"{stem}_{number + 1}" for number, stem in enumerate(stems)]
 
 
 def exported(one: Survey) -> dict[str, object] | None:
@@ -303,7 +297,7 @@ def _background(
         else:
             lasts_s = math.inf
             setup = setup.model_copy(update={"from_s": 0.0, "to_s": None, "offset_s": {}})
-            recorded = Recorded.of(stack.enter_context(opened([path])), file_names([path]), setup)
+            recorded = Recorded.of(stack.enter_context(opened([path])), setup)
             robots = robots_of(recorded, setup)
         empty, taken = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0)), 0
         for frame in Replay(recorded, robots, empty, {}, setup).frames():

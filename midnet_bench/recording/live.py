@@ -31,7 +31,7 @@ from midnet_bench.recording.files.readings import (
     Transform,
     decoded,
 )
-from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
+from midnet_bench.recording.files.ros_messages import MAP, ros_name
 from midnet_bench.recording.plan import AT_ORIGIN, geometry_of
 from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
 from midnet_bench.recording.replay import LARGEST_JUMP_NS
@@ -104,11 +104,6 @@ class Detected(NamedTuple):
     boxes: list[Box]  # map frame, metres
     found_by: list[str]  # the robot that found each box
 
-    @property
-    def message(self) -> Message:
-        """As it is published."""
-        return detections(self.stamp_ns, self.boxes, self.found_by)
-
 
 class _Placed(NamedTuple):
     """Where a robot's LiDAR is."""
@@ -142,13 +137,6 @@ class _Heard:
         self.sweep_rad, self.odd = sweep_rad, 0
         return False
 
-    def forget_after(self, limit_ns: int) -> None:
-        """Scans whose stamps turned out to be no times."""
-        self.scans = [scan for scan in self.scans if scan.stamp_ns <= limit_ns]
-        stamps = [scan.stamp_ns for scan in self.scans]
-        self.newest_ns = max(stamps, default=-1)
-        self.first_ns = min(stamps, default=None)
-
 
 class _Clocks:
     """By topic, how far the stamps of its messages lie from when they came: the middle of the newest ones.
@@ -164,22 +152,19 @@ class _Clocks:
     def take(self, topic: str, stamp_ns: int, arrived_s: float) -> tuple[bool, float]:
         """Take one more stamp; whether it is a time, and the latest that one of the topic can be now, ns.
 
-        Its topic and most of the others tell; inf while too few have come.
+        Its topic tells, or most of those that are counted where it is an hour off; inf while few have come.
         """
         seen = self._offsets.setdefault(topic, deque(maxlen=STAMPS_KEPT))
         seen.append(stamp_ns - round(arrived_s * NS))
         if len(seen) < STAMPS_NEEDED:
             return True, math.inf
-        usual_ns = self._usual_ns(topic)
-        is_time = -LARGEST_JUMP_NS <= seen[-1] - usual_ns <= AHEAD_NS
-        return is_time, usual_ns + round(arrived_s * NS) + AHEAD_NS
-
-    def _usual_ns(self, topic: str) -> int:
-        """A topic's offset, or that of most topics that are counted where its own is an hour off."""
-        own_ns = median_high(self._offsets[topic])
+        own_ns = median_high(seen)
         each = (self._offsets.get(name, ()) for name in self.counted)
         usual_ns = median_high([median_high(one) for one in each if len(one) >= STAMPS_NEEDED] or [own_ns])
-        return own_ns if abs(own_ns - usual_ns) <= LARGEST_JUMP_NS else usual_ns
+        if abs(own_ns - usual_ns) <= LARGEST_JUMP_NS:
+            usual_ns = own_ns
+        is_time = -LARGEST_JUMP_NS <= seen[-1] - usual_ns <= AHEAD_NS
+        return is_time, usual_ns + round(arrived_s * NS) + AHEAD_NS
 
 
 class LiveNode:
@@ -320,7 +305,9 @@ class LiveNode:
         """Take back scans that came before it was clear that their stamps were no times, and their frames."""
         if heard.newest_ns <= limit_ns:
             return
-        heard.forget_after(round(limit_ns))
+        heard.scans = [scan for scan in heard.scans if scan.stamp_ns <= limit_ns]
+        stamps = [scan.stamp_ns for scan in heard.scans]
+        heard.newest_ns, heard.first_ns = max(stamps, default=-1), min(stamps, default=None)
         self._arrived = deque([one for one in self._arrived if one[0] <= limit_ns], self._arrived.maxlen)
         if self._made_until_ns > limit_ns:  # the clock was set back: what was detected is of no time
             self._made_until_ns = -1

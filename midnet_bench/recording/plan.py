@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
@@ -28,15 +29,17 @@ class Recorded(NamedTuple):
     """Open recordings, one element of each list for each source."""
 
     surveys: list[Survey]
-    names: list[str]
+    names: list[str]  # those of the files without their endings, numbered where two are alike
     offsets_ns: list[int]  # added to the times of each source
     part_ns: tuple[int, int]
     """first and last record time of the scans that are used, by the sources' common clock"""
     end_ns: int  # of the last message, by that clock
 
     @classmethod
-    def of(cls, sources: list[Source], names: list[str], setup: RecordingSetup) -> "Recorded":
+    def of(cls, sources: list[Source], setup: RecordingSetup) -> "Recorded":
         """A look into each source. Raises InputError: damaged, no such part, or offset_s of no file."""
+        stems = [Path(source.path).name.split(".")[0] for source in sources]
+        names = [one if stems.count(one) == 1 else f"{one}_{k}" for k, one in enumerate(stems, start=1)]
         given = setup.of_each("offset_s", names)
         offsets_ns = [round(given.get(name, 0.0) * NS) for name in names]
         every = list(zip(sources, offsets_ns, strict=True))

@@ -23,6 +23,7 @@ from rosbags.interfaces import Nodetype
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.files.bags import in_words
+from midnet_bench.recording.files.ros_messages import detections
 from midnet_bench.recording.files.writer import Types, types_of
 from midnet_bench.recording.live import MAP_TOPIC, TF_STATIC, LiveNode, LiveOptions
 
@@ -66,7 +67,7 @@ def spin(middleware: "Rospy | Rclpy | Dds", options: LiveOptions, prior_map: Occ
                 node.leave_out("messages cannot be read", f"{topic}: {in_words(error)}", arrived_s)
                 continue
             for detected in node.hear(topic, message, arrived_s):
-                middleware.publish(middleware.types.packed(detected.message))
+                middleware.publish(middleware.types.packed(detections(*detected)))
         for line in node.warnings:
             middleware.say(line, is_warning=True)
         node.warnings.clear()

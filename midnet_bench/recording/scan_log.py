@@ -25,7 +25,7 @@ def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
     """
     setup = RecordingSetup().changed({"start": {EVERY: FOUND}, "map": None})
     with opened([path]) as sources:
-        recorded = Recorded.of(sources, [path.name], setup)
+        recorded = Recorded.of(sources, setup)
         for remark in (*sources[0].remarks, *recorded.surveys[0].remarks):
             note(remark)
         robots = robots_of(recorded, setup)

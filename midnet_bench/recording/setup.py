@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
-from midnet_bench.recording.files.no_return import CODES, MEANINGS, Meaning
+from midnet_bench.recording.files.no_return import CODES, Meaning
 from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.recording_settings import Preset
 from midnet_bench.settings import Scalar
@@ -124,7 +124,7 @@ class RecordingSetup(Spec):
         for code in value:
             if code not in CODES:
                 raise ValueError(f"no such code '{code}'{nearest_name(str(code), CODES)}")
-        return {code: MEANINGS.get(str(meaning), meaning) for code, meaning in value.items()}
+        return {code: "nothing" if said == "invalid" else said for code, said in value.items()}
 
     @property
     def presets(self) -> tuple[Preset, ...]:

@@ -35,7 +35,6 @@ from midnet_bench.mapping.log_mapping import MappingResult, map_scans
 from midnet_bench.mapping.map_score import reachable_free
 from midnet_bench.mapping.mapping_settings import RECORDED_LOG
 from midnet_bench.mapping.particle_map import cores
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.workflows.prior_map import PRIOR_MAP_PARAMETERS, prior_map
 
@@ -177,15 +176,12 @@ def explore(
     return MadeMap(found.grid, written, found.warnings, scores)
 
 
-def map_snapshot(
-    snapshot: Snapshot, within_reach: npt.NDArray[np.bool_], model: RobotModel = BURGER
-) -> MapSnapshot:
+def map_snapshot(at: Snapshot, within_reach: npt.NDArray[np.bool_], model: RobotModel) -> MapSnapshot:
     """A snapshot of a trial as plain data to be drawn.
 
     ``within_reach``: (rows, columns) which cells of its map a robot can reach and are truly free.
     """
-    known = float(np.mean(snapshot.grid.data[within_reach] >= 0))
-    at = snapshot
+    known = float(np.mean(at.grid.data[within_reach] >= 0))
     return MapSnapshot(at.time_s, known, at.grid, at.poses, at.believed, at.goals, paths=[], model=model)
 
 

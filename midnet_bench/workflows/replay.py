@@ -16,6 +16,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Scan
 from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
+from midnet_bench.recording import summary
 from midnet_bench.recording.causes import ErrorRow
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import samples_of
@@ -26,17 +27,6 @@ from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.replay_bag import check_place, replay_bag
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.setup import EVERY, RecordingSetup
-from midnet_bench.recording.summary import (
-    cause_table,
-    event_rows,
-    input_summary,
-    lag_lines,
-    replay_faults,
-    report_fit,
-    score_tables,
-    setup_table,
-    unlabelled,
-)
 
 SETUP_FILE = "setup.yaml"
 BOXES = ("preset", "frame", "t", "scan_index", "robot", "x_min_m", "y_min_m", "x_max_m", "y_max_m")
@@ -78,9 +68,9 @@ def replay(
         check_place(bag, [*files, Path(setup.background or files[0])])
     with prepared(files, setup, note) as inputs, ExitStack() as stack:
         run = _Run(inputs, _folder(inputs, output), stack)
-        for line in input_summary(inputs, run.played.settings):
+        for line in summary.input_summary(inputs, run.played.settings):
             note(line)
-        faults = [line for robot in inputs.robots for line in report_fit(inputs, robot, note)]
+        faults = [line for robot in inputs.robots for line in summary.report_fit(inputs, robot, note)]
         with run.writing(film, bag, note) as take:
             try:
                 for frame in run.played.frames():
@@ -89,11 +79,11 @@ def replay(
             except InputError as error:
                 faults.append(str(error))
         progress(1.0)
-        faults += replay_faults(run.played, inputs.setup, note)
+        faults += summary.replay_faults(run.played, inputs.setup, note)
         if not run.played.tally.frames:
             raise InputError("; ".join(faults) or f"{files[0]}: no frame came of it")
         if inputs.setup.truth and not any(one.score.labelled for one in run.scorers.values()):
-            faults.append(unlabelled(inputs.setup, run.labels, run.played))
+            faults.append(summary.unlabelled(inputs.setup, run.labels, run.played))
         return run.results(film, faults, note)
 
 
@@ -163,8 +153,8 @@ class _Run:
         folder, has_truth = self.folder, bool(self.inputs.setup.truth)
         counted = _write_errors(folder / "errors.csv", self.scorers)
         scores = {name: one.score for name, one in self.scorers.items()}
-        write_atomically(folder / "events.csv", event_rows(scores, has_truth))
-        tables = [*score_tables(scores, has_truth), cause_table(counted)]
+        write_atomically(folder / "events.csv", summary.event_rows(scores, has_truth))
+        tables = [*summary.score_tables(scores, has_truth), summary.cause_table(counted)]
         files = [folder / "boxes.csv", folder / "errors.csv", folder / "events.csv"]
         files += [file for table in tables for file in table.write(folder)]
         files += [folder / "trial.mp4", folder / "storyboard.png"] * film
@@ -209,7 +199,7 @@ def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path
     tables, found = [], {}
     with prepared(files, setup, note) as inputs:
         for robot in inputs.robots:
-            for line in lag_lines(inputs, robot):
+            for line in summary.lag_lines(inputs, robot):
                 note(line)
             samples = samples_of(inputs.recorded, robot, inputs.setup)
             if not samples:
@@ -218,7 +208,7 @@ def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path
             found_line = line_of(proposal, robot.is_mirrored, robot.delay_ns / NS)
             for line in (found_line, *proposal.cannot_tell):
                 note(f"{robot.name}: {line}")
-            tables.append(setup_table(robot.name, proposal))
+            tables.append(summary.setup_table(robot.name, proposal))
         path = _folder(inputs, output) / SETUP_FILE
         text = proposed_setup(inputs, found).to_yaml(path.parent)
     if path.exists() and path.read_text(encoding="utf-8") != text:

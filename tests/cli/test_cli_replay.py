@@ -11,6 +11,7 @@ from midnet_bench.io.map_server import load_map
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from tests.cli.command import REPOSITORY, Done, midnet_bench, rows, worked
 from tests.recording.test_export import read
+from tests.recording.test_replay_bag import boxes_of
 
 RECORDINGS = REPOSITORY.parent / "shared" / "data" / "recordings"
 MOUNT = [-0.153, 0.021, 0.3724]
@@ -21,20 +22,11 @@ Sides = tuple[float, ...]
 
 def exported_boxes(path: Path) -> dict[int, list[Sides]]:
     """Frame's time, ns -> the team's boxes, millimetres."""
-    found: dict[int, list[Sides]] = {}
-    for one in read(path):
-        if one.topic == "/midnet/detections":
-            found[one.stamp_ns] = sorted(
-                (
-                    round(cube.pose.position.x - cube.scale.x / 2.0, 3),
-                    round(cube.pose.position.y - cube.scale.y / 2.0, 3),
-                    round(cube.pose.position.x + cube.scale.x / 2.0, 3),
-                    round(cube.pose.position.y + cube.scale.y / 2.0, 3),
-                )
-                for cube in one.message.markers
-                if cube.action == 0
-            )
-    return found
+    return {
+        one.stamp_ns: sorted(tuple(round(side, 3) for side in box) for box in boxes_of(one.message))
+        for one in read(path)
+        if one.topic == "/midnet/detections"
+    }
 
 
 def replayed_boxes(folder: Path) -> dict[int, list[Sides]]:

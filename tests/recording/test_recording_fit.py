@@ -148,23 +148,22 @@ def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("view", "mount"), [(2.0 * math.pi, BARE), (math.pi, MOUNT)])
-def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_of_room):
-    samples = mounted(drive(delay_s=0.1, view=view, mount=mount), mount)
-    proposal = find_setup(samples, map_of_room)
-    assert proposal.found.kinds == ("delay",)
+@pytest.mark.parametrize(
+    ("view", "mount", "given", "kinds"),
+    [
+        (math.tau, BARE, BARE, ("delay",)),
+        (math.pi, MOUNT, MOUNT, ("delay",)),
+        (math.tau, MOUNT, BARE, ("mount", "delay")),
+    ],
+)
+def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, given, kinds, map_of_room):
+    proposal = find_setup(mounted(drive(delay_s=0.1, view=view, mount=mount), given), map_of_room)
+    assert proposal.found.kinds == kinds
+    assert proposal.found.mount == pytest.approx(mount, abs=0.03)
     assert proposal.found.delay_s == pytest.approx(0.1, abs=0.02)
     assert f"delay_s: {proposal.found.delay_s:.3f}" in line_of(proposal)
     already = line_of(proposal, delay_s=0.2)
     assert f"delay_s: {0.2 + proposal.found.delay_s:.3f}" in already
-
-
-@pytest.mark.slow
-def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
-    proposal = find_setup(drive(delay_s=0.1), map_of_room)
-    assert proposal.found.kinds == ("mount", "delay")
-    assert proposal.found.delay_s == pytest.approx(0.1, abs=0.02)
-    assert proposal.found.mount == pytest.approx(MOUNT, abs=0.03)
 
 
 @pytest.mark.slow

@@ -18,6 +18,12 @@ def turning():
     return [(each.pose, each.ranges_m, each.lidar) for each in samples]
 
 
+@pytest.fixture(scope="module")
+def truth(turning):
+    """The true pose at each scan."""
+    return [pose for pose, _, _ in turning]
+
+
 def localized(grid, scans, recorded_poses, settings=None):
     """The corrected poses, and their covariances, (n, 3, 3)."""
     localizer = Localizer(grid, settings)
@@ -40,8 +46,7 @@ def covered(poses, covariances, truth):
 
 
 @pytest.mark.slow
-def test_right_poses_stay_and_the_claim_covers_them(turning):
-    truth = [pose for pose, _, _ in turning]
+def test_right_poses_stay_and_the_claim_covers_them(turning, truth):
     poses, covariances = localized(room(), turning, truth)
     assert errors_m(poses, truth).max() < 0.04  # less than a cell
     assert max(abs(wrap_angle(pose.yaw - right.yaw)) for pose, right in zip(poses, truth, strict=True)) < 0.01
@@ -50,16 +55,14 @@ def test_right_poses_stay_and_the_claim_covers_them(turning):
     assert np.linalg.eigvalsh(covariances).min() > 0.0
 
 
-def test_an_offset_of_the_recorded_poses_is_found(turning):
-    truth = [pose for pose, _, _ in turning]
+def test_an_offset_of_the_recorded_poses_is_found(turning, truth):
     off = [pose._replace(x=pose.x + 0.1) for pose in truth]
     poses, covariances = localized(room(), turning, off)
     assert errors_m(poses, truth)[-20:].max() < 0.05
     assert covered(poses, covariances, truth).mean() > 0.9
 
 
-def test_odometry_that_drifts_is_held(turning):
-    truth = [pose for pose, _, _ in turning]
+def test_odometry_that_drifts_is_held(turning, truth):
     drifting = [truth[0]]
     for before, now in itertools.pairwise(truth):
         step = now.relative_to(before)
@@ -70,8 +73,7 @@ def test_odometry_that_drifts_is_held(turning):
     assert covered(poses, covariances, truth).mean() > 0.9
 
 
-def test_after_a_slip_the_pose_comes_back(turning):
-    truth = [pose for pose, _, _ in turning]
+def test_after_a_slip_the_pose_comes_back(turning, truth):
     slipped = [Pose2D(0.2, 0.0, 0.0).compose(pose) if k > 40 else pose for k, pose in enumerate(truth)]
     # a good laser: by one whose ranges may be 3 % off, 0.2 m would be no surprise
     poses, covariances = localized(room(), turning, slipped, LocalizerSettings(range_error=0.002))
@@ -88,8 +90,8 @@ def test_a_robot_at_rest_grows_no_surer(turning):
     assert poses[0] == poses[-1]
 
 
-def test_walls_that_are_drawn_thick_are_known_less_well(turning):
-    grid, truth = room(), [pose for pose, _, _ in turning]
+def test_walls_that_are_drawn_thick_are_known_less_well(turning, truth):
+    grid = room()
     data = grid.data.copy()
     for rows, columns in ((0, 1), (0, -1), (1, 0), (-1, 0)):  # three cells instead of one
         data |= np.roll(grid.data, (rows, columns), axis=(0, 1))
@@ -98,16 +100,14 @@ def test_walls_that_are_drawn_thick_are_known_less_well(turning):
     assert thick[-1, 0, 0] > thin[-1, 0, 0]
 
 
-def test_ranges_that_may_be_off_by_more_correct_less(turning):
-    truth = [pose for pose, _, _ in turning]
+def test_ranges_that_may_be_off_by_more_correct_less(turning, truth):
     off = [pose._replace(y=pose.y + 0.08) for pose in truth]
     exact, _ = localized(room(), turning, off, LocalizerSettings(range_error=0.0))
     rough, _ = localized(room(), turning, off, LocalizerSettings(range_error=0.2))
     assert errors_m(exact, truth)[0] < errors_m(rough, truth)[0] < 0.08
 
 
-def test_scans_that_met_nothing_leave_the_recorded_motion_and_the_doubt_grows(turning):
-    truth = [pose for pose, _, _ in turning]
+def test_scans_that_met_nothing_leave_the_recorded_motion_and_the_doubt_grows(turning, truth):
     empty = [(pose, np.full_like(ranges_m, np.inf), lidar) for pose, ranges_m, lidar in turning]
     poses, covariances = localized(room(), empty, truth)
     assert errors_m(poses, truth).max() < 1e-9

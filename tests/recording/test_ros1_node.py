@@ -141,22 +141,8 @@ def test_a_played_trial_gives_the_detections_of_the_same_messages_offline(
 ) -> None:
     # under tf the scans of one robot have another name on the wire, as on a robot of somebody else's
     renamed = ["/guard_1/scan:=/front/scan"] if pose == "tf" else []
-    node = ros.start(
-        sys.executable,
-        "-m",
-        "midnet_bench",
-        "node",
-        "--ros",
-        "1",
-        *NAMES,
-        *renamed,
-        "--preset",
-        "paper",
-        "--pose",
-        pose,
-        "--patience",
-        "20",
-    )
+    options = f"--ros 1 --preset paper --pose {pose} --patience 20".split()
+    node = ros.start(sys.executable, "-m", "midnet_bench", "node", *NAMES, *renamed, *options)
     recorder = ros.start("rosbag", "record", "-O", "heard.bag", PUBLISHED)
     heard = (PUBLISHED, "/map", "/guard_5/scan", "/tf" if pose == "tf" else "/guard_5/pose")
     ros.wait_for(lambda: heard_by(ros).issuperset(heard), "the node and the recorder do not listen")

@@ -14,9 +14,6 @@ import numpy.typing as npt
 from midnet_bench.recording.files.readings import Floats, ScanReading
 
 Meaning = Literal["clears", "nothing"]
-MEANINGS: dict[str, Meaning] = {"clears": "clears", "nothing": "nothing", "invalid": "nothing"}
-"""what key ``no_return`` may say of a code; an invalid reading says nothing"""
-
 CODES = {
     "inf": "inf",
     "nan": "nan",
