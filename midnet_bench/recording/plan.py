@@ -321,7 +321,7 @@ def composed(look: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
     """The first frame's pose in the last one's, and whether it is upside down there."""
     whole = NO_MOTION
     for child, frame in itertools.pairwise(frames):
-        whole = look.fixed(frame, child).then(whole)
+        whole = look.transforms[frame, child][0].transform.normalized().then(whole)
     return Pose2D(whole.x, whole.y, whole.yaw), whole.is_upside_down
 
 

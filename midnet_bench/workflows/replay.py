@@ -13,7 +13,7 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, Scan
+from midnet_bench.geometry import Scan
 from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.recording import summary
@@ -23,7 +23,7 @@ from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.setup_check import Proposal, find_setup, line_of, start_of
 from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
 from midnet_bench.recording.ray_counts import RayCounts, Unmapped, unmapped
-from midnet_bench.recording.replay import Replay, ReplayFrame
+from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.recording.replay_bag import check_place, replay_bag
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.setup import EVERY, RecordingSetup
@@ -112,8 +112,12 @@ class _Run:
         reach_m = 2.0 * max(settings.range_m for settings in self.played.settings.values())
         scored_from_ns, first = self.inputs.scored_from_ns, next(iter(self.scorers))
         with _boxes_file(self.folder) as write_boxes, ExitStack() as stack:
-            draw = self._film(first, stack) if film else None
-            as_bag = None
+            draw, as_bag = None, None
+            if film:
+                from midnet_bench.workflows import replay_film  # drawing takes a while to import
+
+                drawn = replay_film.film(first, self.played, self.inputs, self.labels.objects, self.folder)
+                draw = stack.enter_context(drawn)
             if bag is not None:
                 as_bag = stack.enter_context(replay_bag(bag, self.inputs, self.played.nodes, note))
 
@@ -139,15 +143,6 @@ class _Run:
                 with suppress(InputError):  # a pose far off any map, where there are no boxes
                     self.counts.take(one.scan, one.returns, reach_m)
 
-    def _film(self, preset: str, stack: ExitStack) -> Callable[..., None]:
-        from midnet_bench.workflows.replay_film import film  # drawing takes a while to import
-
-        inputs, route = self.inputs, None
-        if not inputs.setup.localize:  # corrected poses are known on the way alone
-            route = driven(Replay(inputs.recorded, inputs.robots, inputs.prior_map, {}, inputs.setup))
-        labels = self.labels.objects
-        return stack.enter_context(film(preset, self.played, inputs, labels, self.folder, route))
-
     def results(self, film: bool, faults: list[str], note: Note) -> Replayed:
         """Write errors and tables."""
         folder, has_truth = self.folder, bool(self.inputs.setup.truth)
@@ -171,20 +166,6 @@ class _Run:
         save_map(patched, folder / "map_with_unmapped.yaml", comment="with what stays put and was not on it")
         note(f"{len(things)} things stay put and are not on the map; map_with_unmapped.yaml has them")
         return [folder / "unmapped.csv", folder / "map_with_unmapped.yaml"]
-
-
-def driven(replay: Replay) -> Box | None:
-    """The box of all the positions of a replay's robots, map frame, metres; None if it has no frames.
-
-    A fault in a recording ends it here and is reported by the replay that follows.
-    """
-    positions: list[tuple[float, float]] = []
-    with suppress(InputError):
-        for frame in replay.frames():
-            positions += [(one.estimate.pose.x, one.estimate.pose.y) for one in frame.observed]
-    if not positions:
-        return None
-    return Box(*np.min(positions, axis=0).tolist(), *np.max(positions, axis=0).tolist())
 
 
 def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path | None = None) -> Replayed:

@@ -1,7 +1,7 @@
 """``film``: a recording drawn as trials are drawn, poses and scans beside MIDNet's boxes."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from midnet_bench.drawing.films import trial_video
 from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.inputs import ReplayInputs
@@ -25,11 +26,11 @@ SPEED = 1.0
 
 @contextmanager
 def film(
-    preset: str, replay: Replay, inputs: ReplayInputs, labels: int, folder: Path, driven: Box | None = None
+    preset: str, replay: Replay, inputs: ReplayInputs, labels: int, folder: Path
 ) -> Iterator[Callable[[ReplayFrame, FrameScore | None, Score], None]]:
     """What appends a frame to ``trial.mp4`` and ``storyboard.png`` in a folder; they are there in the end.
 
-    So many ``labels`` are known; pictures are cropped to ``driven``, the box of all the robots' positions.
+    So many ``labels`` are known; pictures are cropped to where the robots drive, unless poses are corrected.
 
     Raises:
         InputError: the place cannot be written.
@@ -39,9 +40,12 @@ def film(
     title = f"{inputs.recorded.names[0]}, preset {preset}"
     # of a recorded robot no more than its footprint is known
     model = replace(settings.robot_model, body=boxed(settings.robot_model.footprint))
+    route = None
+    if not inputs.setup.localize:  # corrected poses are known on the way alone
+        route = driven(Replay(inputs.recorded, inputs.robots, prior_map, {}, inputs.setup))
     seen_m = max(settings.range_m, settings.costmap.size_m / 2.0)
     setup = Setup(
-        plan=plan_of(title, prior_map, None if driven is None else driven.shrunk(-seen_m)),
+        plan=plan_of(title, prior_map, None if route is None else route.shrunk(-seen_m)),
         prior_map=prior_map,
         prior=node.prior,
         guards=len(replay.robots),
@@ -81,6 +85,20 @@ def film(
             )
 
         yield take
+
+
+def driven(replay: Replay) -> Box | None:
+    """The box of all the positions of a replay's robots, map frame, metres; None if it has no frames.
+
+    A fault in a recording ends it here and is reported by the replay that follows.
+    """
+    positions: list[tuple[float, float]] = []
+    with suppress(InputError):
+        for frame in replay.frames():
+            positions += [(one.estimate.pose.x, one.estimate.pose.y) for one in frame.observed]
+    if not positions:
+        return None
+    return Box(*np.min(positions, axis=0).tolist(), *np.max(positions, axis=0).tolist())
 
 
 def _frames_hz(inputs: ReplayInputs) -> float:
@@ -134,14 +152,11 @@ def plan_of(title: str, prior_map: OccupancyGrid, shown: Box | None = None) -> F
     for contour in contours:
         _, _, width, height = cv2.boundingRect(contour)
         if max(width, height) >= LEAST_WALL_CELLS and len(contour) > 1:
-            walls.append(np.array(prior_map.origin) + (contour[:, 0].astype(np.float64) + 0.5) * cell_m)
+            walls.append(prior_map.origin + (contour[:, 0].astype(np.float64) + 0.5) * cell_m)
     known = prior_map.data >= 0
     rows, columns = np.nonzero(known if known.any() else ~known)
-    (x0, y0), low, high = prior_map.origin, (columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)
-    enclosure = Box(
-        *(x0 + float(low[0]) * cell_m, y0 + float(low[1]) * cell_m),
-        *(x0 + float(high[0]) * cell_m, y0 + float(high[1]) * cell_m),
-    )
+    corners = np.array([(columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)])
+    enclosure = Box(*(prior_map.origin + corners * cell_m).ravel().tolist())
     if shown is not None:
         least, most = np.maximum(shown[:2], enclosure[:2]), np.minimum(shown[2:], enclosure[2:])
         # none of it of a drive off the map

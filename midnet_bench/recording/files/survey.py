@@ -22,7 +22,6 @@ from midnet_bench.recording.files.readings import (
     Source,
     TextReading,
     Topic,
-    Transform,
 )
 
 T = TypeVar("T")
@@ -92,10 +91,6 @@ class Survey:
         """Whether a transform never changed while it was looked at."""
         seen = np.array([one.transform for one in self.transforms[frame, child]])
         return bool(np.ptp(seen, axis=0).max() < STILL)
-
-    def fixed(self, frame: str, child: str) -> Transform:
-        """The transform of a pair that is fixed."""
-        return self.transforms[frame, child][0].transform.normalized()
 
 
 def survey(source: Source, from_ns: int = -EVER_NS, to_ns: int = EVER_NS) -> Survey:

@@ -8,15 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from rosbags.interfaces import (
-    Nodetype,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
@@ -75,21 +68,19 @@ def ending_of(bag_format: str) -> str:
     return ENDINGS[bag_format]
 
 
-_FOREVER = QosTime(0, 0)
-
-
-def _qos(is_kept: bool) -> Qos:
+def _qos(is_kept: bool) -> interfaces.Qos:
     """Reliable; the last message of a topic that ``is_kept`` reaches later subscribers."""
-    return Qos(
-        QosHistory.KEEP_LAST,
+    durability, forever = interfaces.QosDurability, interfaces.QosTime(0, 0)
+    return interfaces.Qos(
+        interfaces.QosHistory.KEEP_LAST,
         1 if is_kept else 10,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if is_kept else QosDurability.VOLATILE,
-        _FOREVER,
-        _FOREVER,
-        QosLiveliness.AUTOMATIC,
-        _FOREVER,
-        False,
+        interfaces.QosReliability.RELIABLE,
+        durability.TRANSIENT_LOCAL if is_kept else durability.VOLATILE,
+        deadline=forever,
+        lifespan=forever,
+        liveliness=interfaces.QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
     )
 
 
