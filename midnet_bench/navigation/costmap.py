@@ -201,7 +201,8 @@ class RollingCostmap(Costmap):
     """
 
     def __init__(self, settings: CostmapSettings, lattice_origin: tuple[float, float] = (0.0, 0.0)) -> None:
-        super().__init__(settings, settings.size_cells, settings.size_cells, lattice_origin)
+        side = max(1, round(settings.size_m / settings.resolution))
+        super().__init__(settings, side, side, lattice_origin)
         self._costs: Cells | None = None
 
     @property
@@ -224,6 +225,12 @@ class RollingCostmap(Costmap):
 
     def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
         self._costs = None
+
+
+def _widened(box: tuple[int, int, int, int], margin: int) -> tuple[slice, slice]:
+    """The rows and columns of a rectangle and of ``margin`` cells round it."""
+    x0, y0, x1, y1 = box
+    return slice(max(y0 - margin, 0), max(y1 + margin, 0)), slice(max(x0 - margin, 0), max(x1 + margin, 0))
 
 
 class GlobalCostmap(Costmap):
@@ -265,7 +272,7 @@ class GlobalCostmap(Costmap):
         """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
         if self._touched is not None:
             reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
-            outer, inner = self._near_touched(2 * reach), self._near_touched(reach)
+            outer, inner = (_widened(self._touched, margin) for margin in (2 * reach, reach))
             costs = inflate(combined(self.static[outer], self.marks[outer]), self._inflation)
             old = self._costs[inner]
             y, x = (within.start - around.start for within, around in zip(inner, outer, strict=True))
@@ -286,14 +293,6 @@ class GlobalCostmap(Costmap):
             box = (column - reach, row - reach, column + reach + 1, row + reach + 1)
         old = self._touched or box
         self._touched = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
-
-    def _near_touched(self, margin: int) -> tuple[slice, slice]:
-        """The cells that scans have touched since the newest inflation and ``margin`` cells round them."""
-        x0, y0, x1, y1 = self._touched or (0, 0, 0, 0)
-        return (
-            slice(max(y0 - margin, 0), max(y1 + margin, 0)),
-            slice(max(x0 - margin, 0), max(x1 + margin, 0)),
-        )
 
 
 def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:

@@ -46,8 +46,7 @@ class _Oscillation:
         self.reset()
 
     def reset(self) -> None:
-        self.allowed = (True, True, True, True)
-        """forwards, backwards, left, right"""
+        self.allowed = (True, True, True, True)  # forwards, backwards, left, right
         self._last_speed_sign = self._last_turn_sign = 0
         self._set_at = Pose2D(0.0, 0.0, 0.0)
 
@@ -116,7 +115,8 @@ class DwaPlanner(LocalPlanner):
             (limits.acc_lim_theta_radps2 * period_s, -turn, turn),
         )
         """of speed and turn: how far one period reaches, lowest, highest"""
-        parameters = SearchParameters(
+        # numba looks at a tuple with names anew at every call, which takes longer than to pass it
+        named = SearchParameters(
             min_vel_trans=float(limits.min_vel_trans_mps),
             max_vel_trans=float(limits.max_vel_trans_mps),
             min_vel_theta=float(limits.min_vel_theta_radps),
@@ -127,8 +127,7 @@ class DwaPlanner(LocalPlanner):
             occupied=float(settings.occdist_scale),
             forward_cells=FORWARD_POINT_DISTANCE_M / resolution,
         )
-        # numba looks at a tuple with names anew at every call, which takes longer than to pass it
-        self._parameters = tuple(parameters)
+        self._parameters = tuple(named)
 
     def reset(self) -> None:
         """Allow all signs of velocity again."""

@@ -74,14 +74,17 @@ class GlobalPlanner:
 
     def plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float, until_m: float) -> Plan | None:
         """The way from the robot up to its first point farther than ``until_m``; None when there is none."""
+        costmap, then = self._costmap, self._obstacles_then
         path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
-        if path is not None and not self._doubted and not self._changed_near(path):
-            return path
+        if path is not None and not self._doubted and costmap.marks.shape == then.shape:
+            place = costmap.origin, costmap.settings.resolution, self._change_cells
+            if not changed_near(costmap.marks, then, costmap.static_costs, path, *place):
+                return path
         if time_s - self._computed_at_s < _REPLAN_PERIOD_S:
             return path
-        costs = self._grid(self._costmap.costs)
+        costs = self._grid(costmap.costs)
         self._potential = potential_to(goal, costs, near=(pose.x, pose.y), tolerance_m=self._goal_tolerance_m)
-        self._obstacles_then = self._costmap.marks.copy()
+        self._obstacles_then = costmap.marks.copy()
         self._computed_at_s = time_s
         self.is_covered = self._has_no_room_at(goal)
         # A goal that plans end beside is looked at again as often as the period allows.
@@ -123,14 +126,6 @@ class GlobalPlanner:
         reached = np.count_nonzero(self._potential.values < UNREACHED)
         cell_m = self._costmap.settings.resolution
         return bool(reached * cell_m * cell_m < _POCKET_M2)
-
-    def _changed_near(self, path: Plan) -> bool:
-        costmap, then = self._costmap, self._obstacles_then
-        if costmap.marks.shape != then.shape:
-            return True
-        place = costmap.origin, costmap.settings.resolution
-        near = changed_near(costmap.marks, then, costmap.static_costs, path, *place, self._change_cells)
-        return bool(near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +195,7 @@ def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple
     return int(columns[nearest]) + x0, int(rows[nearest]) + y0
 
 
-_TRAVERSAL = np.full(256, BLOCKED, dtype=np.uint8)
-"""(256,) what a cell of each cost takes to traverse"""
+_TRAVERSAL = np.full(256, BLOCKED, dtype=np.uint8)  # (256,) what a cell of each cost takes to traverse
 _TRAVERSAL[:INSCRIBED] = NEUTRAL + 4 * np.arange(INSCRIBED) // 5
 _TRAVERSAL[NO_INFORMATION] = UNSEEN  # navfn, allow_unknown
 
@@ -365,9 +359,7 @@ def path_down(
     first = min(1, count - 1)
     if not found or potential[round(points[first, 1]), round(points[first, 0])] >= settled_below:
         return points[:0].copy(), False
-    for i in range(count):
-        points[i, 0] = (points[i, 0] + 0.5) * resolution + origin[0]
-        points[i, 1] = (points[i, 1] + 0.5) * resolution + origin[1]
+    points[:count] = (points[:count] + 0.5) * resolution + np.array(origin)
     if not hypot(points[count - 1, 0] - start[0], points[count - 1, 1] - start[1]) > until_m:
         points[count, 0], points[count, 1] = goal
         count += 1

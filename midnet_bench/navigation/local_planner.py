@@ -44,8 +44,7 @@ class LocalPlanner(ABC):
         self.limits = limits
         self.sim_time_s = sim_time_s
         self._footprint_cells = corner_array(footprint) / resolution
-        self._gridded: tuple[Cells, Plan] | None = None
-        """costs and plan that the newest grids are of"""
+        self._gridded: tuple[Cells, Plan] | None = None  # costs and plan that the newest grids are of
         self._newest_grids: Grids = np.empty((0, 0, 0), dtype=np.int32)
 
     @abstractmethod
@@ -98,10 +97,7 @@ def distance_grids(
     next to a reached one holds H * W and passes nothing on; a cell that was not reached holds H * W + 1.
     Seeds spread whatever they cost.
     """
-    points = np.empty_like(plan)
-    for i in range(len(plan)):
-        points[i, 0] = (plan[i, 0] - origin[0]) / resolution
-        points[i, 1] = (plan[i, 1] - origin[1]) / resolution
+    points = (plan - np.array(origin)) / resolution
     end_x, end_y = points[-1, 0], points[-1, 1]
     ahead_x = end_x - (robot[0] - origin[0]) / resolution
     ahead_y = end_y - (robot[1] - origin[1]) / resolution
@@ -110,10 +106,7 @@ def distance_grids(
     height, width = costs.shape
     cells = height * width
     grids = np.full((3, height + 2, width + 2), np.int32(-1))
-    for row in range(height):
-        for column in range(width):
-            grids[0, row + 1, column + 1] = cells + 2 if costs[row, column] >= INSCRIBED else cells + 1
-    grids[1:] = grids[0]
+    grids[:, 1:-1, 1:-1] = np.where(costs >= INSCRIBED, cells + 2, cells + 1)
     seeds, count = _plan_cells(costs, points, (end_x, end_y))
     _spread(seeds[:count], grids[PATH], cells)
     _spread(seeds[max(count - 1, 0) : count], grids[GOAL], cells)

@@ -152,11 +152,6 @@ class CostmapSettings(Settings):
         graded_m = self.inscribed_radius_m + from_python.log(252 / least_cost) / self.cost_scaling_factor
         return min(self.inscribed_radius_m if thresh == 99 else graded_m, self.inflation_radius_m)
 
-    @property
-    def size_cells(self) -> int:
-        """Cells along one side of a rolling window."""
-        return max(1, round(self.size_m / self.resolution))
-
 
 _MARGIN_M = 0.04
 """Padding of the Burger's footprint. costmap_2d has 0.01, but a LiDAR sees the 11 cm of another Burger's

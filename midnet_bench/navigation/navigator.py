@@ -59,17 +59,14 @@ class _Drive:
     """what failed before the newest recovery: planning, controlling, or (CLEARING) moving on"""
     recovery_index: int = 0
     rotation: "RotateRecovery | None" = None
-    plan: Plan | None = None
-    """the way that is followed, up to where it leaves the local window"""
+    plan: Plan | None = None  # the way that is followed, up to where it leaves the local window
     checked_on_map: bool = False
     planned_at_s: float = 0.0
     planning_since_s: float = 0.0
     valid_command_at_s: float = 0.0
     moved_at_s: float = 0.0
-    moved_from: Pose2D | None = None
-    """None before the first control cycle, with which the clocks start"""
-    near_s: float = 0.0
-    """how long the robot has been near the goal"""
+    moved_from: Pose2D | None = None  # None before the first control cycle, with which the clocks start
+    near_s: float = 0.0  # how long the robot has been near the goal
     driven_m: float = 0.0
     first_plan_m: float = math.inf
 
@@ -105,8 +102,7 @@ class Navigator:
             )
         self._window_m = local.size_m / 2.0
         self.status = Status.IDLE
-        self.recoveries = 0
-        """recovery behaviours run so far, over all goals"""
+        self.recoveries = 0  # recovery behaviours run so far, over all goals
         self._drive: _Drive | None = None
         self._pose: Pose2D | None = None
         self._has_scan = self._scan_is_new = False
@@ -300,8 +296,7 @@ class StopRotate:
     def __init__(self, planner: LocalPlanner, period_s: float) -> None:
         self._planner = planner
         self._period_s = period_s
-        self.is_at_position = False
-        """whether the robot has been within the position tolerance"""
+        self.is_at_position = False  # whether the robot has been within the position tolerance
         self._is_turning = False
 
     def has_arrived(self, goal: Point, pose: Pose2D) -> bool:

@@ -28,8 +28,6 @@ OSCILLATION_RESET_DIST_M = 0.05  # base_local_planner, oscillation_reset_dist
 ESCAPE_VEL_MPS, ESCAPE_RESET_DIST_M, ESCAPE_RESET_THETA_RAD = -0.1, 0.10, math.pi / 2
 """base_local_planner, escape_vel, escape_reset_dist and escape_reset_theta"""
 
-_STEPS_PER_M, _STEPS_PER_RADPS = 1.0 / SIM_GRANULARITY_M, 1.0 / ANGULAR_SIM_GRANULARITY_RAD
-
 HITS, BLOCKED = -1.0, -2.0
 """cost of a rollout whose footprint is illegal or off the window; of one that leaves path or goal's reach"""
 
@@ -39,9 +37,8 @@ class TrajectoryRolloutPlanner(LocalPlanner):
 
     def __init__(self, limits: LocalPlannerLimits, footprint: Footprint, resolution: float) -> None:
         super().__init__(limits, SIM_TIME_S, footprint, resolution)
-        accelerations = float(limits.acc_lim_x_mps2), float(limits.acc_lim_theta_radps2)
-        self._robot = (*accelerations, 1.0 / resolution)
-        """as for ``roll_out``"""
+        # accelerations and cells of a metre, as for ``roll_out``
+        self._robot = float(limits.acc_lim_x_mps2), float(limits.acc_lim_theta_radps2), 1.0 / resolution
         self.reset()
 
     def reset(self) -> None:
@@ -177,8 +174,8 @@ def roll_out(
     height, width = costs.shape
     speed, turn = target
     acc_x, acc_theta, cells_per_m = robot
-    count = int(max(abs(speed) * SIM_TIME_S * _STEPS_PER_M, abs(turn) * _STEPS_PER_RADPS) + 0.5)
-    count = max(1, count)
+    by_way = abs(speed) * SIM_TIME_S * (1.0 / SIM_GRANULARITY_M)
+    count = max(1, int(max(by_way, abs(turn) * (1.0 / ANGULAR_SIM_GRANULARITY_RAD)) + 0.5))
     dt = SIM_TIME_S / count
     path, goal, cost = 0, 0, 0.0
     x, y, yaw = start
