@@ -80,10 +80,8 @@ class UkfTeam:
 
     def __init__(self, filters: Sequence[PlanarUkf]) -> None:
         """Makes each filter's state and covariance a view of its row here."""
-        self.states: FloatArray = np.array([each.state for each in filters])
-        """(n, 6)"""
-        self.covariances: FloatArray = np.array([each.covariance for each in filters])
-        """(n, 6, 6)"""
+        self.states: FloatArray = np.array([each.state for each in filters])  # (n, 6)
+        self.covariances: FloatArray = np.array([each.covariance for each in filters])  # (n, 6, 6)
         for row, each in enumerate(filters):
             each.state, each.covariance = self.states[row], self.covariances[row]
         settings = filters[0].settings

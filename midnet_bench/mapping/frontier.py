@@ -222,12 +222,8 @@ class FrontierExplorer:
 
         Call it at a planning rate (the package: 1 Hz, its launch files 0.33 Hz) and after each ``report``. A
         goal near the last one is the same goal: when the way to it has not become shorter for
-        ``PROGRESS_TIMEOUT_S``, it is given up.
-
-        Args:
-            frontiers: in the order of preference.
-            time_s: now; never less than at the last call.
-            taken: goals of the other robots.
+        ``PROGRESS_TIMEOUT_S``, it is given up. ``frontiers``: in the order of preference; ``time_s``: now,
+        never less than at the last call; ``taken``: goals of the other robots.
         """
         while (choice := self._choose(frontiers, taken)) or (frontiers and self._chances > 0):
             if choice is None:

@@ -27,7 +27,6 @@ class GMapping(GridSlam):
 
     Args:
         geometry: of the sensor and its mount. The filter moves the sensor's pose, as GMapping does.
-        settings: the parameters.
         initial: the robot's pose in the map frame when the first scan arrives.
         rng: where motion noise and resampling offsets come from.
         threads: that the particles are shared between; any number gives the same bytes.

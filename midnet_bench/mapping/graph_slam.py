@@ -25,22 +25,18 @@ from midnet_bench.mapping.pose_graph import Edge, PoseGraph
 FEWEST_BEAMS = 90
 """Of fewer beams too little is left for a match to tell one place from another; GMapping maps such logs."""
 LINEAR_UPDATE_M = 0.3  # A scan becomes a node after a drive of this length (Karto: MinimumTravelDistance).
-ANGULAR_UPDATE_RAD = 0.3
-"""A scan becomes a node after a turn by this angle too (Karto: MinimumTravelHeading)."""
+ANGULAR_UPDATE_RAD = 0.3  # It becomes one after a turn by this angle too (Karto: MinimumTravelHeading).
 FARTHEST_M = 25.0  # Farther returns are drawn, but not matched.
 THIN_M = 0.1  # One return in a square of this side is matched: near walls count no more than far ones.
 RUNNING_SCANS = 20  # A new scan is matched against so many before it (Karto: ScanBufferSize).
-COLLAPSED = 0.75
-"""Below this share of the median of the last 50 scores a match is searched for in ``WIDE`` too."""
+COLLAPSED = 0.75  # Below this share of the median of 50 scores a match is searched for in ``WIDE`` too.
 GAIN = 0.1  # The match in ``WIDE`` is taken if its score is better by this much.
 SLIP_SCORE, CROSSED = 0.85, 0.3
 """And if it is at least this share of the usual score, or if this share of the beams would pass through walls
 where the wheels put the robot: in a place never seen before nothing contradicts the wheels."""
-SLIDE_M, SLIDE_SCORE = 0.15, 0.9
-"""A match that keeps this share of its score when it slides so far does not hold the robot that way."""
+SLIDE_M, SLIDE_SCORE = 0.15, 0.9  # A match that keeps this share when slid so far does not hold that way.
 LOOP_RADIUS_M = 4.0  # A loop may close with scans from so near (Karto: LoopSearchMaximumDistance).
-LOOP_SCANS = 10
-"""A closure is matched against so many scans before and after the nearest of an earlier visit."""
+LOOP_SCANS = 10  # A closure is matched against so many scans either side of an earlier visit's nearest.
 LOOP_SCORE = 0.55  # Least score of a closure, 0 to 1 (Karto: LoopMatchMinimumResponseFine).
 LATELY_SCANS = 8  # After a long way without a loop so many scans are matched at once, as one.
 LONG_WAY_M = 10.0  # How far a long way is.
@@ -92,10 +88,7 @@ class GraphSlam(GridSlam):
     a long way the last scans are matched together, so that one doorway is not taken for another. The scheme
     is open_karto's (Konolige et al. 2010, "Efficient sparse pose adjustment"). Nothing is left to chance.
     Each integrated scan is a node.
-
-    Args:
-        geometry: of the sensor and its mount.
-        initial: the robot's base in the map frame when the first scan arrives.
+    ``initial``: the robot's base in the map frame when the first scan arrives.
     """
 
     _SLACK = (0.02, 0.005)
@@ -107,10 +100,8 @@ class GraphSlam(GridSlam):
         self._graph = PoseGraph()
         self._matched: list[_Scan] = []
         self._odometry = self._node_odometry = initial
-        self._untied_m = 0.0
-        """driven since the last closed loop"""
-        self._relaxed = 0
-        """the node at which the graph was optimized last"""
+        self._untied_m = 0.0  # driven since the last closed loop
+        self._relaxed = 0  # the node at which the graph was optimized last
         self._pending: list[_Closure] = []
         self.slips: list[tuple[int, float, float]] = []
         """taken against the wheels: the node, by how many metres and radians"""

@@ -104,10 +104,7 @@ def trace_rays(pose: Floats, ends: Floats) -> tuple[Indices, Floats]:
 
     Bresenham's lines as GMapping draws them (``gridlinetraversal.h``): where a line passes midway between two
     cells it takes another one than costmap_2d's, which ``navigation.costmap`` draws, in a third of all lines.
-
-    Args:
-        pose: (3,) of the sensor, cells and radians.
-        ends: (B, 2) of the rays in the sensor frame, cells.
+    ``pose``: (3,) of the sensor, cells and radians; ``ends``: (B, 2) of the rays in its frame, cells.
     """
     placed = np.empty_like(ends)
     cos, sin = cos_sin(pose[2])
@@ -236,20 +233,15 @@ class GridSlam(ABC):
         self._usable_m, self._update = usable_m, update
         self._driven_m = self._turned_rad = 0.0
         self._is_next_due = True
-        self._way_m = 0.0
-        """driven between the last two scans that were integrated"""
+        self._way_m = 0.0  # driven between the last two scans that were integrated
         self._resolution_m, self._occupied_threshold = resolution_m, occupied_threshold
         self._visit_map = VisitMap(resolution_m)
-        self._drawn = np.empty((0, 3))
-        """the poses at which scans are drawn"""
+        self._drawn = np.empty((0, 3))  # the poses at which scans are drawn
 
     def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
         """Take a scan; True if it was integrated, False if the robot had not moved or waited enough.
 
-        Args:
-            odometry_pose: the robot's base in the odometry frame when the scan was taken.
-            ranges_m: (beams,) metres.
-            time_s: when the scan was taken, seconds.
+        ``odometry_pose``: the robot's base in the odometry frame then; ``ranges_m``: (beams,) metres.
         """
         if ranges_m.shape != (self.geometry.beams,):
             raise ValueError(f"a scan of shape {ranges_m.shape} from a sensor of {self.geometry.beams} beams")

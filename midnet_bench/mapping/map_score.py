@@ -43,11 +43,8 @@ def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_ra
     alone, as no LiDAR sees the inside or the far side. Within one cell: at most one of the true grid's cells
     apart in x and in y, from centre to centre.
 
-    Args:
-        built: int8, -1 unknown, 0 to 100; occupied from 65 on.
-        truth: the same, nothing to be explored where it is -1.
-        start: as :func:`reachable_free` takes it, which raises ValueError.
-        robot_radius_m: of the disc that the robot counts as.
+    Both grids are int8, -1 unknown, 0 to 100, occupied from 65 on; nothing is to be explored where ``truth``
+    is -1. ``start``, ``robot_radius_m`` and errors: as for ``reachable_free``.
     """
     reachable, is_wall = reachable_free(truth, start, robot_radius_m), truth.data >= OCCUPIED_FROM
     known = values_at(built.data, built, cell_centers(truth, reachable), outside=-1) >= 0

@@ -69,19 +69,14 @@ BURGER_UKF = GmappingSettings(
 )
 """A Burger whose odometry frame is the UKF's: its heading is a gyroscope's and drifts by 1e-5 rad/s.
 
-turtlebot3_gazebo's ``multi_turtlebot3_slam.launch`` trusts the odometry, but matches too loosely for a LiDAR
-of 1 cm noise: sigma = 0.05 m^2 hardly tells a match from one 5 cm off; here it is the square of a cell. In
-a corridor the score alone pulls the robot back to where more of its beams meet what it has seen; the
-odometry's pull holds against that. Time alone is no reason to integrate: a standing robot has nothing to add.
-
-A match is good to about half a milliradian, the heading's change from one scan to the next is known a
-hundred times better, and every match adds an error of its own. So the odometry pulls in both about as
-hard as its share in what is known, the finest steps are 0.8 mm and 0.2 mrad, and a scan is matched only each
-0.4 m. The noise lets particles differ by as much as the gyroscope's drift until a loop closes.
-
-While exploring, many beams end where the map is still empty. GMapping's fixed price for them is that of a
-wall 0.7 m away, so luck at the map's edge decides which particle is best; here it is that of a wall 0.14 m
-away, just beyond the cells that are searched.
+turtlebot3_gazebo's ``multi_turtlebot3_slam.launch`` trusts the odometry, but its sigma of 0.05 m^2 hardly
+tells a match from one 5 cm off; here it is the square of a cell. In a corridor the score alone pulls the
+robot back to where more is mapped, and every match adds about half a milliradian, while the heading's change
+between scans is known a hundred times better. So the odometry pulls about as hard as its share in what is
+known, the finest steps are 0.8 mm and 0.2 mrad, and a scan is matched only each 0.4 m. The noise lets
+particles differ by as much as the gyroscope's drift until a loop closes. A beam into the unknown costs as
+much as a wall 0.14 m away, just beyond the cells that are searched; at GMapping's 0.7 m luck at the map's
+edge decides which particle is best.
 
 Chosen by drives of one robot through Map 2 with the seeds 1001 and 1002 alone.
 """

@@ -130,8 +130,8 @@ class WallMap(NamedTuple):
         """The alignment's view of an int8 grid with at least one occupied cell."""
         occupied = grid.data >= OCCUPIED_FROM
         free = (grid.data >= 0) & ~occupied
-        to_wall_m = _distance_m(~occupied, grid.resolution)
-        depth_m = _distance_m(np.pad(free, 1), grid.resolution)[1:-1, 1:-1]
+        to_wall_m = cells_to_unset(~occupied) * np.float32(grid.resolution)
+        depth_m = cells_to_unset(np.pad(free, 1))[1:-1, 1:-1] * np.float32(grid.resolution)
         pulls = tuple(
             np.exp(-0.5 * (to_wall_m / reach) ** 2) - np.minimum(depth_m / (2.0 * reach), 1.0)
             for reach in _REACHES_M
@@ -246,11 +246,6 @@ def _dilated(cells: Floats) -> npt.NDArray[np.bool_]:
     return cv2.dilate(cells, np.ones((3, 3))) > 0.0
 
 
-def _distance_m(mask: npt.NDArray[np.bool_], resolution: float) -> Image:
-    """(H, W) float32 from each set cell's centre to the nearest cell that is not set, metres."""
-    return np.asarray(cells_to_unset(mask) * resolution, dtype=np.float32)
-
-
 def _interpolated(image: Image, grid: OccupancyGrid, points: Floats) -> float:
     """The sum over the points of the image's values between cell centres; 0 off the grid."""
     columns, rows = ((points - grid.origin) / grid.resolution - 0.5).astype(np.float32).T.copy()
@@ -320,10 +315,7 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
     applies the inverse, ignores origins and moves (0, 0) to the middle of the result. Cells have the first
     map's resolution, and lie on its lattice if its placement is not turned, so that a map alone at the
     identity comes back as it is.
-
-    Args:
-        maps: at least one; int8, -1 unknown, 0 to 100.
-        placements: each map's frame in the result's frame.
+    ``maps``: at least one; int8, -1 unknown, 0 to 100; ``placements``: their frames in the result's frame.
     """
     each = list(zip(maps, placements, strict=True))
     resolution = maps[0].resolution
@@ -395,9 +387,7 @@ def by_features(maps: Sequence[OccupancyGrid], starts: Sequence[Pose2D]) -> tupl
     largest single map comes back. The start of the first robot among the merged lays the result into the
     common frame, so that it can be compared with a true map.
 
-    Args:
-        maps: one per robot; int8, -1 unknown, 0 to 100, in the common frame.
-        starts: where each robot started, common frame.
+    ``maps``: one per robot; int8, -1 unknown, 0 to 100; ``starts``: where each began; both in that frame.
     """
     own = [compose([grid], [start.inverse()]) for grid, start in zip(maps, starts, strict=True)]
     matches = {(i, j): match_maps(own[i], own[j]) for i, j in combinations(range(len(maps)), 2)}

@@ -135,14 +135,8 @@ def match_particles(
     """((N, 3) poses, (N,) log-likelihoods, (N,) scores): every particle at its best match.
 
     A score lies between 0 and the number of beams. A particle whose match scores no more than the minimum
-    keeps the pose that its noisy odometry gave it.
-
-    Args:
-        means: as ``ParticleMaps`` has them.
-        tables: (N, rows, columns) of the particles, as ``ParticleMaps`` has them.
-        beams: (B, 2) float64 ends of the usable beams in the sensor frame, cells.
-        poses: (N, 3) float64 sensor poses, cells and radians.
-        matching: parameters.
+    keeps the pose that its noisy odometry gave it. ``means`` and ``tables``: as ``ParticleMaps`` has them;
+    ``beams``: (B, 2) ends of those that hit in the sensor frame, cells; ``poses``: (N, 3), cells and radians.
     """
     m = matching
     matched, rotated = poses.copy(), np.empty_like(beams)

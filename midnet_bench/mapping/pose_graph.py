@@ -31,8 +31,7 @@ class PoseGraph:
     """Nodes are planar poses, of which the first stays where it is; edges are measurements between them."""
 
     def __init__(self) -> None:
-        self.poses: Floats = np.empty((0, 3))
-        """(N, 3) x, y (metres), yaw (radians)"""
+        self.poses: Floats = np.empty((0, 3))  # (N, 3) x, y (metres), yaw (radians)
         self.edges: list[Edge] = []
 
     def pose(self, node: int) -> Pose2D:
@@ -46,9 +45,8 @@ class PoseGraph:
     def optimize(self, rounds: int, doubting: bool = True) -> None:
         """Move the nodes to the least sum of squared, weighed disagreements (Gauss-Newton).
 
-        Args:
-            rounds: after which it ends; sooner when no pose moves any more.
-            doubting: whether doubted edges weigh as Cauchy's loss lets them, or like all others.
+        It ends after ``rounds``, or sooner when no pose moves any more. With ``doubting`` doubted edges
+        weigh as Cauchy's loss lets them, else like all others.
         """
         if not self.edges:
             return
