@@ -14,11 +14,13 @@ from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.mapping.gmapping import (
     GMapping,
     effective_particles,
+    move_particles,
+    noise_deviations,
     normalized_weights,
     systematic_resample,
 )
 from midnet_bench.mapping.grid_slam import scan_rays
-from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
+from midnet_bench.mapping.mapping_settings import BURGER_UKF, RECORDED_LOG, GmappingSettings
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, drive
@@ -62,6 +64,33 @@ def test_systematic_resampling_keeps_shares_within_one() -> None:
         assert np.abs(copies - 30 * weights).max() < 1.0
 
 
+SHARES = GmappingSettings(noise_srr=0.1, noise_srt=0.2, noise_str=0.3, noise_stt=0.4)
+
+
+def test_deviations_of_the_motion_by_hand() -> None:
+    x, y, yaw = noise_deviations(Pose2D(-2.0, 0.5, -0.25), SHARES)
+    assert x == pytest.approx(0.1 * 2.0 + 0.3 * 0.25 + 0.3 * 0.1 * 0.5)
+    assert y == pytest.approx(0.1 * 0.5 + 0.3 * 0.25 + 0.3 * 0.1 * 2.0)
+    assert yaw == pytest.approx(0.4 * 0.25 + 0.2 * math.hypot(2.0, 0.5))
+
+
+def test_draws_have_these_deviations_in_the_old_robot_frame() -> None:
+    start, increment = Pose2D(3.0, -1.0, 1.1), Pose2D(0.6, -0.2, 0.3)
+    moved = move_particles(np.tile(start, (200_000, 1)), increment, SHARES, np.random.default_rng(0))
+    offset = moved - start
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    local = np.column_stack([offset[:, :2] @ (cos, sin), offset[:, :2] @ (-sin, cos), offset[:, 2]])
+    assert local.mean(axis=0) == pytest.approx(np.array(increment), abs=5e-3)
+    assert local.std(axis=0) == pytest.approx(noise_deviations(increment, SHARES), rel=0.01)
+    assert np.corrcoef(local.T) == pytest.approx(np.eye(3), abs=0.01)
+
+
+def test_a_standing_robot_gets_no_noise() -> None:
+    poses = np.array([[1.0, 2.0, 0.5], [-1.0, 0.0, -2.0]])
+    moved = move_particles(poses, Pose2D(0.0, 0.0, 0.0), RECORDED_LOG, np.random.default_rng(0))
+    assert moved == pytest.approx(poses, abs=1e-15)
+
+
 def test_what_each_kind_of_range_does() -> None:
     geometry = LidarGeometry(8, 0.0, math.pi / 4, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))
     ranges = np.array([1.0, math.nan, 3.2, 0.0, math.inf, 3.5, 0.1, 2.0])
@@ -79,10 +108,6 @@ def run(journey: Drive, settings: GmappingSettings, seed: int) -> GMapping:
     for stamp, odometry, ranges in zip(journey.stamps_s, journey.odometry, journey.ranges_m, strict=True):
         slam.process(odometry, ranges, float(stamp))
     return slam
-
-
-def shortened(journey: Drive, scans: int) -> Drive:
-    return Drive(*(column[:scans] for column in journey))
 
 
 @pytest.mark.slow
@@ -172,7 +197,7 @@ def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
     settings = replace(
         WHEELS, particles=8, likelihood_gain=0.2, noise_srr=0.2, noise_srt=0.3, linear_reliability=0.0
     )
-    part = shortened(journey, 150)
+    part = Drive(*(column[:150] for column in journey))
     once = run(part, settings, 3)
     often = GMapping(LIDAR, settings, START, stream(3, "gmapping"))
     drawn, rewritten = often.trajectory.poses, 0
@@ -188,7 +213,7 @@ def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(journey: Drive) -> None:
-    part = shortened(journey, 50)
+    part = Drive(*(column[:50] for column in journey))
     first, again, other = (run(part, TURTLEBOT3, seed) for seed in (1, 1, 2))
     assert first.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
     assert first.occupancy().data.tobytes() == again.occupancy().data.tobytes()

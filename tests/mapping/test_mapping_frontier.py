@@ -336,5 +336,4 @@ def test_a_robot_parks_where_it_closes_nothing(column, row, place):
     if place is None:
         assert found is None
     else:
-        assert found is not None
         assert found[0] != 4.5

@@ -56,12 +56,9 @@ def errors(placement, truth, placed_map):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seeds", "enough"), [(range(3), 2), pytest.param(range(3, 6), 2, marks=pytest.mark.slow)]
-)
-def test_views_of_one_building_are_merged_rightly_or_refused(seeds, enough):
+def test_views_of_one_building_are_merged_rightly_or_refused():
     merged = 0
-    for seed in seeds:
+    for seed in range(6):
         rng = stream(seed, "merge")
         building = (rooms, corridor)[seed % 2](rng)
         left, right, truth = two_views(building, rng, 0.75, pose_error_m=0.02)
@@ -72,19 +69,22 @@ def test_views_of_one_building_are_merged_rightly_or_refused(seeds, enough):
             off_m, off_deg = errors(match.placement, truth, right)
             assert off_m <= 0.1
             assert off_deg <= 2.0
-    assert merged >= enough
+    assert merged >= 4
+
+
+def strangers(seed, draw):
+    """Maps of two buildings, each in a frame of its own."""
+    rng, maps = stream(seed, "strangers"), []
+    for _ in range(2):
+        building = draw(rng)
+        maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
+    return maps
 
 
 @pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 5), marks=pytest.mark.slow)])
 def test_views_of_different_buildings_are_refused(seeds):
     for seed in seeds:
-        rng = stream(seed, "strangers")
-        draw = (rooms, corridor)[seed % 2]
-        maps = []
-        for _ in range(2):
-            building = draw(rng)
-            maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
-        match = match_maps(*maps)
+        match = match_maps(*strangers(seed, (rooms, corridor)[seed % 2]))
         assert match.placement is None
         assert match.refusal
 
@@ -92,11 +92,7 @@ def test_views_of_different_buildings_are_refused(seeds):
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", ["confidence", "agreement"])
 def test_features_and_grids_each_refuse_different_buildings(gate, monkeypatch):
-    rng = stream(3, "strangers")
-    maps = []
-    for _ in range(2):
-        building = rooms(rng)
-        maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
+    maps = strangers(3, rooms)
     features_only = {"MIN_AGREEMENT": 1e-9, "MIN_OVERLAP": -1e9}
     opened = features_only if gate == "confidence" else {"MIN_CONFIDENCE": 0.0}
     for limit, value in {"MAX_SCALE_ERROR": 1e9, **opened}.items():
@@ -263,11 +259,8 @@ def test_maps_in_one_frame_are_laid_over_each_other():
 def test_maps_of_one_building_find_together_by_features_whatever_the_starts():
     rng = stream(3, "building")
     building = rooms(rng)
-    here = Pose2D(0.0, 0.0, 0.0)
-    maps = [
-        map_of(building, viewpoints(building, rng, low, high), here, rng, 0.0)
-        for low, high in ((0.0, 0.8), (0.2, 1.0))
-    ]
+    shares = ((0.0, 0.8), (0.2, 1.0))
+    maps = [map_of(building, viewpoints(building, rng, *share), SAME, rng) for share in shares]
     starts = [Pose2D(2.0, 3.0, 0.4), Pose2D(6.0, 4.0, -2.0)]
     merged, matches = by_features(maps, starts)
     assert refusals(matches) == []

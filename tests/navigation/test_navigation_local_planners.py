@@ -181,6 +181,22 @@ def scales(occupied: float) -> dwa_kernels.SearchParameters:
     return dwa_kernels.SearchParameters(0.11, 0.22, 1.37, 1.5, 20.0, 1.5, 1.0, occupied, 6.5)
 
 
+def arc(
+    start: tuple[float, float, float], v: float, w: float, s: dwa_kernels.SearchParameters
+) -> list[tuple[float, float, float]]:
+    """The simulated poses of a sample by Euler's steps; none where it is too slow."""
+    if abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta:
+        return []
+    (x, y, yaw), poses = start, []
+    n = math.ceil(max(abs(v) * 60.0, abs(w) * 15.0))
+    for _ in range(n):
+        poses.append((x, y, yaw))
+        x += v * s.cells_per_m * math.cos(yaw) * s.sim_time / n
+        y += v * s.cells_per_m * math.sin(yaw) * s.sim_time / n
+        yaw += w * s.sim_time / n
+    return poses
+
+
 def dwa_total(
     costs: Costs,
     grids: npt.NDArray[np.int32],
@@ -191,15 +207,12 @@ def dwa_total(
     s: dwa_kernels.SearchParameters,
 ) -> float | None:
     """One sample scored step by step, in the words of the notes; None when it is discarded."""
-    if abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta:
+    poses = arc(start, v, w, s)
+    if not poses or abs(v) - 1e-4 > s.max_vel_trans:
         return None
-    n = math.ceil(max(abs(v) * 60.0, abs(w) * 15.0))
-    if n == 0 or abs(v) - 1e-4 > s.max_vel_trans:
-        return None
-    x, y, yaw = start
     height, width = costs.shape
     worst, total = 0, 0.0
-    for i in range(n):
+    for x, y, yaw in poses:
         if not (0 <= x < width and 0 <= y < height):
             return None
         path, goal = (int(grids[k, int(y) + 1, int(x) + 1]) for k in (PATH, GOAL))
@@ -212,13 +225,9 @@ def dwa_total(
         if under < 0:
             return None
         worst = max(worst, under, int(costs[int(y), int(x)]))
-        if i == n - 1:
-            front = int(grids[GOAL_FRONT, int(ahead[1]) + 1, int(ahead[0]) + 1])
-            side = int(grids[PATH, int(ahead[1]) + 1, int(ahead[0]) + 1])
-            total = s.path * path + s.goal * goal + s.goal * front + (s.path * side if aligned else 0.0)
-        x += v * s.cells_per_m * math.cos(yaw) * s.sim_time / n
-        y += v * s.cells_per_m * math.sin(yaw) * s.sim_time / n
-        yaw += w * s.sim_time / n
+        front = int(grids[GOAL_FRONT, int(ahead[1]) + 1, int(ahead[0]) + 1])
+        side = int(grids[PATH, int(ahead[1]) + 1, int(ahead[0]) + 1])
+        total = s.path * path + s.goal * goal + s.goal * front + (s.path * side if aligned else 0.0)
     return total + s.occupied * worst
 
 
@@ -236,12 +245,8 @@ def test_the_pruned_search_picks_what_scoring_every_sample_picks(
     allowed = tuple(bool(rng.random() < 0.8) for _ in range(4))
     best, best_total = -1, math.inf
     for i, (v, turn) in enumerate(itertools.product(speeds, turns)):
-        forbidden = (
-            (v > 0 and not allowed[0])
-            or (v < 0 and not allowed[1])
-            or (turn > 0 and not allowed[2])
-            or (turn < 0 and not allowed[3])
-        )
+        signs = (v > 0, v < 0, turn > 0, turn < 0)
+        forbidden = any(sign and not may for sign, may in zip(signs, allowed, strict=True))
         total = None if forbidden else dwa_total(costs, grids, start, v, turn, aligned, scales(occupied))
         if total is not None and total < best_total:
             best, best_total = i, total
@@ -284,7 +289,6 @@ def test_dwa_drives_on_within_what_can_be_reached(yaw: float, velocity: tuple[fl
     planner = dwa(acc_lim_x_mps2=0.5)
     pose, plan = Pose2D(1.01, 2.02, yaw), straight_plan(1.01, 2.02)
     command = planner.command(room(1.01, 2.02), plan, pose, Command(*velocity))
-    assert command is not None
     assert np.abs(np.subtract(command, velocity)).tolist() <= [0.05 + 1e-9, 0.2 + 1e-9]
     assert abs(command.linear_mps) >= 0.05 - 1e-4
     if yaw == 0.0:
@@ -321,7 +325,6 @@ def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
     assert all(command is not None and command.linear_mps <= -0.05 for command in commands[20:])
     # As soon as the plan can be followed, it is.
     onwards = planner.command(room(1.025, 2.025), plan, pose, Command(0.0, 0.0))
-    assert onwards is not None
     assert onwards.linear_mps > 0.0
     assert planner.command(costmap, plan, pose, Command(0.0, 0.0)) is None
 
@@ -335,18 +338,11 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
     s = scales(0.0)
     best, lowest = -1, int(costs[int(start[1]), int(start[0])])
     for sample, (v, w) in enumerate(itertools.product(speeds, turns)):
-        n = math.ceil(max(abs(v) * 60.0, abs(w) * 15.0))
-        if n == 0 or (abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta):
+        poses = arc(start, v, w, s)
+        if not poses or any(outline(costs, *pose) < 0 for pose in poses):
             continue
-        x, y, yaw = start
-        legal = True
-        for step in range(n):
-            legal = legal and outline(costs, x, y, yaw) >= 0
-            if step < n - 1:
-                x += v * s.cells_per_m * math.cos(yaw) * s.sim_time / n
-                y += v * s.cells_per_m * math.sin(yaw) * s.sim_time / n
-                yaw += w * s.sim_time / n
-        if legal and costs[int(y), int(x)] < lowest:
+        x, y, _ = poses[-1]
+        if costs[int(y), int(x)] < lowest:
             best, lowest = sample, int(costs[int(y), int(x)])
     assert dwa_kernels.escape(costs, start, speeds, turns, FOOTPRINT, s) == best
 
@@ -456,7 +452,6 @@ def test_trajectory_rollout_backs_away_from_a_collision_and_then_goes_on() -> No
     free = room(1.01, 2.02)
     assert planner.command(free, plan, Pose2D(0.95, 2.02, 0.0), Command(-0.1, 0.0)) == (-0.1, 0.0)
     onwards = planner.command(free, plan, Pose2D(0.90, 2.02, 0.0), Command(-0.1, 0.0))
-    assert onwards is not None
     assert onwards.linear_mps > 0.0
 
 
@@ -476,7 +471,6 @@ def test_at_the_goal_the_robot_stops_turns_within_its_limits_and_ends() -> None:
         if controller.is_finished(1.5, pose, velocity):
             break
         command = controller.command(costmap, 1.5, pose, velocity)
-        assert command is not None
         commands.append(command)
         velocity = command
         pose = pose._replace(yaw=pose.yaw + 0.1 * command.angular_radps)

@@ -217,7 +217,6 @@ def test_nothing_moves_without_goal_or_scan() -> None:
     navigator.observe(pose, MAZE.scan(pose, [], geometry), geometry, 0.1)
     assert navigator.control(pose, STOP, 0.1) != STOP
     plan = navigator.plan()
-    assert plan is not None
     assert plan[-1].tolist() == [2.0, 0.8]
     navigator.cancel()
     assert navigator.status is Status.IDLE
