@@ -107,14 +107,11 @@ def rectangles(dark: Cells) -> Iterator[Rectangle]:
         wide = _grown(dark, row, column)
         left, low, right, high = _grown(dark.T, column, row)
         candidates: tuple[Rectangle, ...] = (wide, (low, left, high, right))
-        low, left, high, right = max(candidates, key=lambda one: int(_part(missing, one).sum()))
+        low, left, high, right = max(
+            candidates, key=lambda one: int(missing[one[0] : one[2], one[1] : one[3]].sum())
+        )
         missing[low:high, left:right] = False
         yield low, left, high, right
-
-
-def _part(cells: Cells, rectangle: Rectangle) -> Cells:
-    low, left, high, right = rectangle
-    return cells[low:high, left:right]
 
 
 def _grown(dark: Cells, row: int, column: int) -> Rectangle:

@@ -136,7 +136,6 @@ class BulletEngine:
             self._set_motors(index)
         self._present = list(range(len(starts)))  # the robots that are still in the arena
         self._obstacles: list[int] = []
-        self._poses: Floats | None = None  # of this tick, once they were read
         for _ in range(round(_SETTLE_S * self._step_hz)):
             self.client.stepSimulation()
 
@@ -162,7 +161,6 @@ class BulletEngine:
         for index in np.flatnonzero(missing.any(axis=1)).tolist():
             self._set_motors(index)
         self.client.stepSimulation()
-        self._poses = None
 
     def _set_motors(self, index: int) -> None:
         robot, (body, wheels, _) = self._robot, self._bodies[index]
@@ -184,14 +182,11 @@ class BulletEngine:
 
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of each robot's base frame, under the middle of its axle."""
-        if self._poses is None:
-            fetch = self.client.getBasePositionAndOrientation
-            places = np.full((len(self._bodies), 7), np.nan)
-            for index in self._present:
-                at, turn = fetch(self._bodies[index].body)
-                places[index] = at + turn
-            self._poses = base_poses(places, self._mass_x_m)
-        return self._poses
+        places = np.full((len(self._bodies), 7), np.nan)
+        for index in self._present:
+            at, turn = self.client.getBasePositionAndOrientation(self._bodies[index].body)
+            places[index] = at + turn
+        return np.asarray(base_poses(places, self._mass_x_m))
 
     def velocities(self, rows: Ints) -> Floats:
         """(n, 2) forward speed (m/s) and yaw rate (rad/s) of ``rows``."""
@@ -234,7 +229,6 @@ class BulletEngine:
         self.client.removeBody(self._bodies[index].body)
         self._targets[index] = self._speeds[index]
         self._present.remove(index)
-        self._poses = None
 
     def contacts(self) -> npt.NDArray[np.bool_]:
         """(n,) whether each robot touches anything but the floor now."""
