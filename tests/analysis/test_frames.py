@@ -50,7 +50,9 @@ def odd_store(folder: Path) -> None:
                             store.record(run_id, spec, Outcome(spec.trial_id, 1 / 3, 2.0, payload))
 
 
-@pytest.mark.parametrize("kind", ["detection", pytest.param("labyrinth", marks=pytest.mark.slow), "odd"])
+@pytest.mark.parametrize(
+    "kind", ["odd", *(pytest.param(name, marks=pytest.mark.slow) for name in ("detection", "labyrinth"))]
+)
 def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str) -> None:
     if kind == "detection":
         detection_store(

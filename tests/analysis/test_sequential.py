@@ -74,6 +74,7 @@ def test_an_interval_holds_its_share_and_grows_with_it(threshold: float, first: 
     assert (found.low == 0.0) == (successes[trials - 1] == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", [0.75, 0.85, 0.92])
 def test_intervals_hold_the_truth_in_95_of_100_repetitions(truth: float) -> None:
     held, wrong, _ = measure(0.9, truth, np.random.default_rng(3))

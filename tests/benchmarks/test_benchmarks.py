@@ -32,6 +32,7 @@ def test_both_engines_steps_and_scans(capsys: pytest.CaptureFixture[str]) -> Non
     assert len(capsys.readouterr().out.splitlines()) == 2 + 3 * 2 + 1 + 3
 
 
+@pytest.mark.slow
 def test_midnet_against_bare_opencv(capsys: pytest.CaptureFixture[str]) -> None:
     midnet.main(frames=5, teams=(5, 10), repeats=1)
     said = capsys.readouterr().out.splitlines()
@@ -59,6 +60,7 @@ def test_two_checkouts_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
     assert "NEW/OLD" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_no_checkout_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"is no checkout of midnet-bench|its process ended"):
         compare.main([str(tmp_path), CHECKOUT])

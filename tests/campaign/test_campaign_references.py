@@ -38,6 +38,7 @@ def rows(directory: Path) -> dict[str, object]:
         return {trial.trial_id: trial.tables()["rolls"][0] for trial in store.trials()}
 
 
+@pytest.mark.slow
 def test_a_file_beside_the_campaigns_is_found_from_any_folder_and_kept_in_the_store(
     project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -377,6 +377,7 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
     assert not (tmp_path / "campaign.sqlite").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc to find the workers")
 def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> None:
     """Two even for one job, since joblib runs a single job in this process, where a crash ends the campaign.

@@ -94,14 +94,8 @@ def test_the_same_command_again_runs_nothing_and_prints_the_same(detection: Path
     assert len(json.loads((detection / "provenance.json").read_text())) == 1
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "parameters",
-        pytest.param("parameters --json", marks=pytest.mark.slow),
-        pytest.param("--version", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["parameters", "parameters --json", "--version"])
 @pytest.mark.parametrize(
     ("where", "code", "complaint"),
     [

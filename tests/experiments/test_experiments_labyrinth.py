@@ -60,6 +60,7 @@ def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
     assert row["success_rate"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going(
     leaves: dict[str, list[Row]],
 ) -> None:

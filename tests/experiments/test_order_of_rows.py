@@ -1,6 +1,7 @@
 """Tables of the committed reference results: the same bytes in whatever order the trials' rows are."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.experiments.detection import tables as detection
 from midnet_bench.experiments.labyrinth import tables as labyrinth
@@ -16,11 +17,14 @@ from midnet_bench.experiments.labyrinth.trials import Variant, variants_of
 from midnet_bench.experiments.mapping import tables as mapping
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"
-LABYRINTH = load_results(REFERENCE / "labyrinth")
-DETECTION = detection.cells_of(load_results(REFERENCE / "detection"))
-MAPPING = load_results(REFERENCE / "mapping")
 
 
+@cache
+def reference(name: str) -> Results:
+    return load_results(REFERENCE / name)
+
+
+@cache
 def made(seed: int | None) -> dict[str, str]:
     """The tables by name, as CSV; of shuffled rows if there is a seed."""
 
@@ -29,11 +33,14 @@ def made(seed: int | None) -> dict[str, str]:
 
     variants = {
         name: Variant(one.factors, rows(one.trials), rows(one.robots))
-        for name, one in variants_of(LABYRINTH).items()
+        for name, one in variants_of(reference("labyrinth")).items()
     }
-    cells = {name: replace(cell, rows=rows(cell.rows)) for name, cell in DETECTION.items()}
+    cells = {
+        name: replace(cell, rows=rows(cell.rows))
+        for name, cell in detection.cells_of(reference("detection")).items()
+    }
     maps, robots = (
-        {team: rows(own) for team, own in mapping.teams_of(MAPPING, table).items()}
+        {team: rows(own) for team, own in mapping.teams_of(reference("mapping"), table).items()}
         for table in ("maps", "robots")
     )
     tables: list[Table] = [
@@ -47,12 +54,9 @@ def made(seed: int | None) -> dict[str, str]:
     return {table.name: table.to_csv() for table in tables}
 
 
-IN_ORDER = made(None)
-
-
 @pytest.mark.slow
 @settings(max_examples=3)
 @given(st.integers(0, 2**32 - 1))
 def test_tables_are_the_same_to_the_byte_in_any_order_of_rows(seed: int) -> None:
-    shuffled = made(seed)
-    assert [name for name in IN_ORDER if shuffled[name] != IN_ORDER[name]] == []
+    in_order, shuffled = made(None), made(seed)
+    assert [name for name in in_order if shuffled[name] != in_order[name]] == []

@@ -200,6 +200,7 @@ def test_grids_lie_on_the_lattice_of_the_map(exported: list[Said]) -> None:
     assert 100 in last["/guard_1/costmap"].data
 
 
+@pytest.mark.slow
 def test_a_labyrinth_trial_is_written_to_its_end(tmp_path: Path) -> None:
     parameters: dict[str, Scalar] = {"robots": 2, "intruders": 1, "engine": "fast", "time_limit_s": 1.0}
     assert export_trial("labyrinth", parameters, 1, tmp_path / "trial.bag", "ros1") == 5

@@ -255,6 +255,7 @@ def test_a_clock_that_is_set_costs_a_second_or_two(by_s: float) -> None:
     assert sum(0 <= stamp_s - by_s < 12 for stamp_s in stamps_s) >= 20
 
 
+@pytest.mark.slow
 def test_a_robot_whose_clock_is_off_does_not_silence_the_others() -> None:
     sound = drive(60)
     off = [stamped(one, FIFTY_YEARS_S) if one.topic.startswith("/guard_2/") else one for one in sound]

@@ -54,9 +54,8 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return bag
 
 
-@pytest.mark.parametrize(
-    "name", ["out.mcap", *(pytest.param(name, marks=pytest.mark.slow) for name in ("out.bag", "out"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["out.mcap", "out.bag", "out"])
 def test_boxes_of_a_trial_go_round(name: str, trial: Path, tmp_path: Path) -> None:
     done = midnet_bench("replay", trial, "--bag", tmp_path / name, "-o", "out_", folder=tmp_path)
     assert done.returncode == 0, done.stderr

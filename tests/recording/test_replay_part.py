@@ -69,6 +69,7 @@ def test_an_error_names_the_setup_s_file_and_key(tmp_path, keys, written, named)
     assert named in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", ["/move_base_simple/goal", "/goal_pose", "/initialpose", "/truth/red/pose"])
 def test_a_goal_is_never_proposed_as_a_pose(tmp_path, topic):
     goal = made.track_messages([(1.0, Pose2D(1.0, 1.0, 0.0))], topic=topic)

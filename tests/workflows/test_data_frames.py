@@ -87,6 +87,7 @@ def test_differences_and_verdicts_are_data_frames(tmp_path: Path) -> None:
     assert "verdict" in verdicts
 
 
+@pytest.mark.slow
 def test_why_a_recorded_campaign_erred_is_tables_by_name(recorded_campaign: Path) -> None:
     tables = mb.error_causes(mb.results(recorded_campaign))
     assert all(len(table) for table in tables.values())

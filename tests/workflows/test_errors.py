@@ -95,6 +95,7 @@ def test_wrong_questions_are_answered_in_one_line(folder: Path, arguments: str, 
     assert said in one_line_of_complaint(done)
 
 
+@pytest.mark.slow
 def test_a_campaign_that_was_not_recorded_says_how_to(detection_campaign: Path) -> None:
     with pytest.raises(InputError, match="its trials were not recorded; run them with --record"):
         errors(detection_campaign)
