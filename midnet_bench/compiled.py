@@ -55,12 +55,7 @@ def njit(function: F | None = None, /, **options: Any) -> F | Callable[[F], F]:
     Where no folder can be written every process compiles for itself; the numbers are the same.
     """
     if function is None:
-        return partial(_compiled, options)
-    return _compiled({}, function)
-
-
-def _compiled(options: dict[str, Any], function: F) -> F:
-    """``function`` for numba to compile at its first call, with numba's ``options``."""
+        return cast(Callable[[F], F], partial(cast(Any, njit), **options))
     library = numba()
     if library.config.DISABLE_JIT:
         return _interpreted(function)

@@ -119,16 +119,8 @@ class Box(NamedTuple):
 
         It is 0 for boxes that share no more than an edge, and whenever one of them has no area.
         """
-        # written out on plain numbers: a frame asks for hundreds, and most pairs are apart
-        ax1, ay1, ax2, ay2 = self
-        bx1, by1, bx2, by2 = other
-        if ax2 <= bx1 or bx2 <= ax1 or ay2 <= by1 or by2 <= ay1:
-            return 0.0
-        width = (ax2 if ax2 < bx2 else bx2) - (ax1 if ax1 > bx1 else bx1)
-        height = (ay2 if ay2 < by2 else by2) - (ay1 if ay1 > by1 else by1)
-        both = width * height
-        either = (ax2 - ax1) * (ay2 - ay1) + (bx2 - bx1) * (by2 - by1) - both
-        return both / either if both > 0.0 else 0.0
+        both = self.intersection_area(other)
+        return both / (self.area + other.area - both) if both > 0.0 else 0.0
 
     def distance_to_point(self, x: float, y: float) -> float:
         """From (x, y) to the nearest point of the box, metres; 0 inside."""

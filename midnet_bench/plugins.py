@@ -609,10 +609,8 @@ def _line_of(value: str, error: Exception) -> str:
     return ""
 
 
-@functools.cache
-def _loaded(reference: str) -> str | None:
-    """The digest of a module, about when this process imported it."""
-    return read_module(reference)
+_loaded = functools.cache(read_module)
+"""the digest of a module, about when this process imported it"""
 
 
 def _scalar(text: str) -> Scalar:

@@ -42,17 +42,8 @@ parameters: {engine: fast, intruders: 1, time_limit_s: 4, prior_map: exact}
 FAST = ("--engine", "fast", "--seed", "9001", "-q")
 COMMANDS = {
     "detection": (
-        "detection",
-        "--robots",
-        "1,2",
-        "--frames",
-        "8",
-        "--record",
-        "--jobs",
-        "2",
-        *FAST,
-        "-o",
-        "{at}",
+        *("detection", "--robots", "1,2", "--frames", "8", "--record", "--jobs", "2"),
+        *(*FAST, "-o", "{at}"),
     ),
     "size": ("size", "map1", "--within", "4", "--probability", "0.5", "--trials", "40", *FAST, "-o", "{at}"),
     "map": ("map", "map1", "--set", "time_limit_s=6", *FAST, "-o", "{at}"),

@@ -69,10 +69,12 @@ def product(package: Path, kept: Path | str, more: str = "", cwd: Path | None = 
     return said(package, kept, more, cwd)[0]
 
 
-def said(package: Path, kept: Path | str, more: str = "", cwd: Path | None = None) -> tuple[str, str]:
-    """The same, and what it says on stderr."""
+def said(
+    package: Path, kept: Path | str, more: str = "", cwd: Path | None = None, first: str = ""
+) -> tuple[str, str]:
+    """The same, and what it says on stderr; ``first`` is run before all."""
     done = subprocess.run(
-        [sys.executable, "-c", f"{PRINT}\n{more}"],
+        [sys.executable, "-c", f"{first}\n{PRINT}\n{more}"],
         cwd=cwd or package.parent.parent,
         env={
             **os.environ,
@@ -198,7 +200,9 @@ def test_machine_code_of_another_user_is_not_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_nowhere_to_write_is_said_once_and_changes_nothing(package: Path) -> None:
+def test_nowhere_to_write_is_said_once_and_changes_nothing(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # a process and one that it starts; tempfile finds no folder because none is left to it
     more = (
         "import subprocess, sys\n"
@@ -206,27 +210,12 @@ def test_nowhere_to_write_is_said_once_and_changes_nothing(package: Path) -> Non
         f"child = subprocess.run([sys.executable, '-c', {PRINT!r}], capture_output=True, text=True)\n"
         "print(child.stdout.strip(), repr(child.stderr))"
     )
-    code = (
-        "import tempfile\n"
-        "def refuse(*a, **k): raise OSError('read-only')\n"
-        "tempfile.mkdtemp = refuse\n"
-        f"{PRINT}\n{more}"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=package.parent.parent,
-        env={
-            **os.environ,
-            "PYTHONPATH": str(package.parent),
-            "XDG_CACHE_HOME": "/dev/null",
-            "NUMBA_CACHE_DIR": "",
-        },
-        capture_output=True,
-        text=True,
-    )
-    assert done.stdout.split() == ["6.0", "None", "6.0", "''"], done.stderr
-    assert "each process compiles for a minute" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    refuse = "import tempfile\ndef refuse(*a, **k): raise OSError('read-only')\ntempfile.mkdtemp = refuse"
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    printed, told = said(package, "", more, first=refuse)
+    assert printed.split() == ["6.0", "None", "6.0", "''"]
+    assert "each process compiles for a minute" in told
+    assert len(told.splitlines()) == 1
 
 
 @pytest.mark.slow

@@ -155,12 +155,9 @@ def bits() -> int:
 
 def test_no_multiplication_is_fused_with_an_addition() -> None:
     for function in (elementary._cos, elementary.exp):
-        compiled = numba().njit(
-            "float64(float64, float64)" if function is elementary._cos else "float64(float64)"
-        )
-        (code,) = (
-            compiled(function.py_func).inspect_asm().values()
-        )  # what is kept on disk cannot be looked at
+        taken = "float64, float64" if function is elementary._cos else "float64"
+        compiled = numba().njit(f"float64({taken})")(function.py_func)  # what is kept cannot be looked at
+        (code,) = compiled.inspect_asm().values()
         assert "mulsd" in code
         assert not re.search("fn?m(add|sub)", code)
 
@@ -188,9 +185,8 @@ def test_a_poorer_processor_gives_the_same_bits() -> None:
 @given(st.floats(-1e9, 1e9), st.floats(-50.0, 50.0))
 def test_python_gives_the_bits_of_the_compiled_functions(angle: float, other: float) -> None:
     compiled, interpreted = elementary, elementary._interpreted()
-    assert interpreted.cos_sin(angle) == compiled.cos_sin(angle)
-    assert interpreted.sin(angle) == compiled.sin(angle)
-    assert interpreted.cos(angle) == compiled.cos(angle)
+    for name in ("cos_sin", "sin", "cos"):
+        assert getattr(interpreted, name)(angle) == getattr(compiled, name)(angle)
     assert interpreted.atan2(angle, other) == compiled.atan2(angle, other)
     numbers = np.array([other, -other, 0.0])
     assert interpreted.exponentials(numbers).tobytes() == compiled.exponentials(numbers).tobytes()

@@ -177,6 +177,7 @@ def test_an_editable_package_is_digested_and_an_installed_one_is_not(
         (about / "top_level.txt").write_text(f"own_{place[:3]}\nhelper\nparts\nlazy\n")
         monkeypatch.syspath_prepend(tmp_path / place)
     assert read_module("own_sit:Mine") is None
+    assert load_reference("midnet_bench.errors:InputError") is InputError
     assert DETECTORS.pinned("own_sit:Mine").endswith("@2.0")
     assert re.search("#[0-9a-f]{12}$", DETECTORS.pinned("own_src:Mine"))
 
@@ -234,10 +235,6 @@ def test_a_wrong_value_is_one_line_that_begins_with_the_option(value: str, says:
 def test_one_that_cannot_be_made_is_named(mine: Path) -> None:
     with pytest.raises(PluginError, match=r"Broken#\w+: mine.py:10 in __init__: KeyError: 'nothing'"):
         DETECTORS.make(DETECTORS.pinned("mine.py:Broken"), None, 2.5)
-
-
-def test_an_object_of_a_package_is_found() -> None:
-    assert load_reference("midnet_bench.errors:InputError") is InputError
 
 
 def test_a_file_is_executed_once_and_again_when_it_has_changed(tmp_path: Path) -> None:

@@ -84,8 +84,7 @@ def test_each_robot_has_its_own_boxes_and_one_that_saw_nothing_has_none(make) ->
 
 @pytest.mark.parametrize("make", DETECTORS)
 def test_what_is_farther_than_the_usable_range_is_not_looked_at(make) -> None:
-    pose = Pose2D(0.0, 0.0, 0.0)
-    (found,) = make(room(), 0.8).detect([seen(scan_of(pose, [DISC]), pose)])
+    (found,) = make(room(), 0.8).detect([seen(scan_of(MIDDLE, [DISC]))])
     assert len(found) == 0
 
 
@@ -96,8 +95,7 @@ def test_a_circle_is_the_whole_body_and_not_the_side_that_was_seen() -> None:
 
 
 def test_a_single_return_is_left_out_where_two_are_asked_for() -> None:
-    pose = Pose2D(0.0, 0.0, 0.0)
-    scan = scan_of(pose, [])
+    scan = scan_of(MIDDLE, [])
     scan.ranges_m[40] = 1.0
     one, two = (MapSubtraction(room(), RANGE_M, min_returns=n).detect([seen(scan)])[0] for n in (1, 2))
     assert (len(one), len(two)) == (1, 0)
@@ -126,9 +124,8 @@ def test_groups_are_cut_where_returns_are_apart_and_go_round() -> None:
 
 
 def test_clusters_refuse_an_incidence_below_the_angle_between_beams() -> None:
-    pose = Pose2D(0.0, 0.0, 0.0)
     with pytest.raises(InputError, match=r"incidence_deg: 0\.5 is out of range"):
-        CircleClusters(room(), RANGE_M, incidence_deg=0.5).detect([seen(scan_of(pose, [DISC]), pose)])
+        CircleClusters(room(), RANGE_M, incidence_deg=0.5).detect([seen(scan_of(MIDDLE, [DISC]))])
 
 
 @pytest.mark.parametrize("off_m", [0.0, 0.1, 0.2])

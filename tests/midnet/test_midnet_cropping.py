@@ -14,71 +14,17 @@ from midnet_bench.midnet.detection import (
     window_around,
     window_at_origin,
 )
-from tests.midnet.ascii_maps import characters
+from tests.midnet.ascii_maps import characters, side_by_side
 
-# ``.`` the prior map alone, ``o`` the local grid alone, ``X`` both: cases a to j of the figure
-CASES = {
-    "a wholly inside": """
-        .......
-        ..XXX..
-        ..XXX..
-        .......
-        """,
-    "b local grid larger on all sides": """
-        ooooooo
-        ooXXXoo
-        ooXXXoo
-        ooooooo
-        """,
-    "c over the corner x < 0, y < 0": """
-          .....
-        ooXX...
-        ooXX...
-        oooo
-        """,
-    "d over y < 0 only": """
-        .......
-        .XXXX..
-        .XXXX..
-         oooo
-        """,
-    "e over the corner x > W, y < 0": """
-        .....
-        ...XXoo
-        ...XXoo
-           oooo
-        """,
-    "f over x < 0 only": """
-          .....
-        ooXX...
-        ooXX...
-          .....
-        """,
-    "g over x > W only": """
-        .....
-        ...XXoo
-        ...XXoo
-        .....
-        """,
-    "h over the corner x < 0, y > H": """
-        oooo
-        ooXX...
-        ooXX...
-          .....
-        """,
-    "i over y > H only": """
-         oooo
-        .XXXX..
-        .XXXX..
-        .......
-        """,
-    "j over the corner x > W, y > H": """
-           oooo
-        ...XXoo
-        ...XXoo
-        .....
-        """,
-}
+# cases a to j of the figure: ``.`` the prior map alone, ``o`` the local grid alone, ``X`` both
+CASES = side_by_side(
+    """
+    .......   ooooooo   ~~.....   .......   .....~~   ~~.....   .....~~   oooo~~~   ~oooo~~   ~~~oooo
+    ..XXX..   ooXXXoo   ooXX...   .XXXX..   ...XXoo   ooXX...   ...XXoo   ooXX...   .XXXX..   ...XXoo
+    ..XXX..   ooXXXoo   ooXX...   .XXXX..   ...XXoo   ooXX...   ...XXoo   ooXX...   .XXXX..   ...XXoo
+    .......   ooooooo   oooo~~~   ~oooo~~   ~~~oooo   ~~.....   .....~~   ~~.....   .......   .....~~
+    """
+)
 
 SIZES = st.integers(1, 12)
 PLACES = st.integers(-20, 20)
@@ -89,7 +35,7 @@ def extent(cells: np.ndarray) -> tuple[int, int, int, int]:
     return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
 
 
-@pytest.mark.parametrize("drawing", CASES.values(), ids=CASES.keys())
+@pytest.mark.parametrize("drawing", CASES, ids="abcdefghij")
 def test_crop_of_the_figure(drawing: str) -> None:
     drawn = characters(drawing)
     both = np.array(extent(drawn == "X"))
