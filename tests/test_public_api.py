@@ -19,9 +19,9 @@ def room() -> mb.OccupancyGrid:
     return mb.OccupancyGrid(walls, 0.05, (-3.0, -2.0))
 
 
-def costmap(dtype: type = np.int8) -> mb.OccupancyGrid:
+def costmap() -> mb.OccupancyGrid:
     """4 x 4 m with an obstacle of 0.3 x 0.3 m around (0, 0)."""
-    costs = np.zeros((80, 80), dtype)
+    costs = np.zeros((80, 80), np.int8)
     costs[37:43, 57:63] = 100
     return mb.OccupancyGrid(costs, 0.05, (-3.0, -2.0))
 
@@ -49,12 +49,6 @@ def test_own_costmaps_give_the_box_that_the_map_lacks() -> None:
     assert box.x_min == pytest.approx(-0.15)
     assert box.y_max == pytest.approx(0.15)
     assert box.area == pytest.approx(0.09)
-
-
-def test_a_costmap_of_another_type_is_refused_in_words() -> None:
-    detector = mb.MIDNet(mb.prior_map(room()))
-    with pytest.raises(mb.InputError, match=r"costmap: its values are uint8; int8 is needed"):
-        detector.update([mb.Observation(mb.Pose2D(-1.0, 0.0, 0.0), costmap(np.uint8))])
 
 
 def test_a_prior_map_is_the_one_that_trials_subtract() -> None:

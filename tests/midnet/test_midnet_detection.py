@@ -31,7 +31,7 @@ def test_each_cell_follows_eq_1(costs: np.ndarray, thresh: int, unknown: Unknown
 
 
 def test_unsigned_costs_are_refused_because_unknown_would_be_255() -> None:
-    with pytest.raises(InputError, match="uint8; int8 is needed"):
+    with pytest.raises(InputError, match="costmap: its values are uint8; int8 is needed"):
         binary_map(np.zeros((2, 2), np.uint8), 50)  # type: ignore[arg-type]
 
 
