@@ -92,6 +92,15 @@ def test_score_and_likelihood_equal_the_slow_twin(seed: int) -> None:
     assert 0.0 < score < 195.0
 
 
+def test_beams_that_meet_nothing_score_0_and_cost_half_over_sigma() -> None:
+    maps = mapped(Pose2D(0.0, 0.0, 0.0), np.array([[1.0, 0.0]]))
+    beams = np.tile([-30.0, 0.0], (180, 1))
+    x, y, _ = maps.to_cells(np.zeros((1, 3)))[0]
+    assert match_score(maps.means, maps.tables[0], beams, x, y, 20.0, 0.0) == 0.0
+    likelihood = log_likelihood(maps.means, maps.tables[0], beams, x, y, 30.0, -0.5 / 0.075)
+    assert likelihood == pytest.approx(-1200.0)
+
+
 def test_a_score_that_cannot_be_enough_is_given_up() -> None:
     maps = mapped(Pose2D(0.0, 0.0, 0.0), np.array([[1.0, 0.0], [0.0, 1.0]]))
     beams = np.array([[20.0, 0.0], [0.0, 20.0]])
