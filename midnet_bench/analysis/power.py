@@ -11,7 +11,6 @@ two ``groups`` (separate seeds) the sum of both, with one (pairs) that of the pa
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -140,22 +139,18 @@ def power_cells(first: BySeed, second: BySeed, difference: float, power: float =
     }
 
 
-class Spread(NamedTuple):
-    """A variance and the degrees of freedom that it stands on."""
-
-    variance: float
-    freedom: float
+Spread = tuple[float, float]  # a variance, and the degrees of freedom that it stands on
 
 
 def _spreads(first: BySeed, second: BySeed) -> tuple[Spread, Spread]:
     """Of differences seed by seed; of both cells together, by Satterthwaite."""
     common = sorted(first.keys() & second.keys())
-    paired = Spread(_variance([second[seed] - first[seed] for seed in common]), len(common) - 1.0)
+    paired = _variance([second[seed] - first[seed] for seed in common]), len(common) - 1.0
     one, other = _variance(list(first.values())), _variance(list(second.values()))
     if math.isnan(one + other):
-        return paired, Spread(math.nan, math.nan)
+        return paired, (math.nan, math.nan)
     below = one**2 / (len(first) - 1) + other**2 / (len(second) - 1)
-    return paired, Spread(one + other, (one + other) ** 2 / below)
+    return paired, (one + other, (one + other) ** 2 / below)
 
 
 def _variance(values: list[float]) -> float:

@@ -26,10 +26,8 @@ _NAMES = {
     "fp": "false positives",
     "fn": "misses",
 }
-_UNITS = {"_m": "m", "_s": "s", "_percent": "%"}
-
-
 """what people read instead of a column's name"""
+_UNITS = {"_m": "m", "_s": "s", "_percent": "%"}
 
 Cell = Scalar | Estimate | np.generic
 """A number, a text, or an estimate with its interval; NaN is not defined, None does not apply."""
