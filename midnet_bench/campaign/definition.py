@@ -407,7 +407,10 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     try:
         for values in itertools.product(*axes.values()):
             product = dict(zip(axes, values, strict=True))
-            parameters = _parameters_in(campaign, model, product)
+            changes = campaign.variants.get(str(product.get(VARIANT)), {})
+            flat = {**campaign.parameters, **changes, **product}
+            flat.pop(VARIANT, None)
+            parameters = model.parse(flat, f"cell {shown_cell(product)}")
             cell = {**parameters.flat_values(), **{key: product[key] for key in product if key == VARIANT}}
             if (identity := tuple(cell.items())) not in known:
                 known.add(identity)
@@ -476,13 +479,6 @@ def _check_keys(campaign: Campaign, experiment: Experiment) -> None:
                 f"grid.{factor}: the table '{name}' has a column of that name; give "
                 f"{factor} one value as a parameter, and run a campaign for each value"
             )
-
-
-def _parameters_in(campaign: Campaign, model: type[Parameters], product: Mapping[str, Scalar]) -> Parameters:
-    """The parameters of a cell, defaults filled in and checked."""
-    changes = campaign.variants.get(str(product.get(VARIANT)), {})
-    given = {key: value for key, value in product.items() if key != VARIANT}
-    return model.parse({**campaign.parameters, **changes, **given}, f"cell {shown_cell(product)}")
 
 
 def _resolved_variants(

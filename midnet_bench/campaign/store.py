@@ -515,10 +515,8 @@ def open_or_create(path: Path, definition: Definition) -> Store:
                 return Store(path, connection)
     connection.close()
     store = open_store(path, is_writer=True)
-    with contextlib.ExitStack() as on_error:
-        on_error.enter_context(store)
+    with _closed_on_error(store._connection):
         store.extend(definition)
-        on_error.pop_all()
     return store
 
 

@@ -108,13 +108,9 @@ def add_estimates(
     values, lows, highs = (np.array([e[part] for e in estimates]) for part in range(3))
     # where all trials are alike the value may lie outside its interval, by a rounding
     bars = np.maximum(0.0, [values - lows, highs - values])
-    look: dict[str, Any] = {
-        "color": style.color,
-        "marker": style.marker,
-        "linestyle": style.dash,
-        "label": label,
-    }
-    axes.errorbar(places, values, bars, markersize=5, linewidth=1.3, elinewidth=0.8, capsize=2, **look)
+    look: dict[str, Any] = {"marker": style.marker, "linestyle": style.dash, "color": style.color}
+    sizes: dict[str, Any] = {"markersize": 5, "linewidth": 1.3, "elinewidth": 0.8, "capsize": 2}
+    axes.errorbar(places, values, bars, label=label, **look, **sizes)
 
 
 class Panel(NamedTuple):

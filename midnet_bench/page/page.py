@@ -215,7 +215,7 @@ def _fixed(content: Content) -> dict[str, Any]:
 
     pictures = [one for one in content.pictures if {".png", ".svg"} & one.files.keys()]
     some = [*filter(None, (content.claims, content.counterfactuals)), *(one.data for one in pictures)]
-    known = _shown([*content.headline, *content.tables, *some])
+    known = {id(table): _shown(table) for table in (*content.headline, *content.tables, *some)}
     figures = [_figure(one, known[id(one.data)]) for one in pictures]
     names = ("page.css", "trial.js", "player.js")
     sources = {name: (FOLDER / name).read_text(encoding="utf-8") for name in names}
@@ -302,13 +302,8 @@ def _side(funnel: Funnel, side: str, places: Mapping[int, int]) -> dict[str, Any
     return {"name": side, "cells": cells, "causes": causes}
 
 
-def _shown(tables: Iterable[Table]) -> dict[int, dict[str, Any]]:
-    """Tables as the template takes them, by ``id``."""
-    texts = [(table, table.cells()[:MOST_ROWS], table.to_csv()) for table in tables]
-    return {id(table): _parts(table, cells, csv) for table, cells, csv in texts}
-
-
-def _parts(table: Table, cells: Sequence[Sequence[str]], csv: str) -> dict[str, Any]:
+def _shown(table: Table) -> dict[str, Any]:
+    """A table as the template takes it."""
     texts = {name: any(isinstance(row.get(name), str) for row in table.rows) for name in table.columns}
     rows = [
         {
@@ -317,7 +312,7 @@ def _parts(table: Table, cells: Sequence[Sequence[str]], csv: str) -> dict[str, 
                 _cell(name, row.get(name), text) for name, text in zip(table.columns, line, strict=True)
             ],
         }
-        for row, line in zip(table.rows[:MOST_ROWS], cells, strict=True)
+        for row, line in zip(table.rows[:MOST_ROWS], table.cells()[:MOST_ROWS], strict=True)
     ]
     return {
         "name": table.name,
@@ -326,7 +321,7 @@ def _parts(table: Table, cells: Sequence[Sequence[str]], csv: str) -> dict[str, 
         "rows": rows,
         "notes": table.notes,
         "left_out": len(table.rows) - len(rows),
-        "csv": base64.b64encode(csv.encode()).decode(),
+        "csv": base64.b64encode(table.to_csv().encode()).decode(),
     }
 
 

@@ -45,7 +45,6 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 
 def wait_for(process: subprocess.Popen[str], word: str, times: int = 1) -> None:
     """Reads the process's lines until ``times`` of them began with ``word``."""
-    assert process.stdout is not None
     while times > 0:
         line = process.stdout.readline()
         assert line, "the process ended early"

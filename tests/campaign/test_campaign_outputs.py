@@ -13,13 +13,7 @@ import pytest
 import midnet_bench
 from midnet_bench.analysis.tables import csv_text
 from midnet_bench.campaign import provenance
-from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.trial import Outcome
-from midnet_bench.errors import InputError
-from midnet_bench.io.files import write_atomically
-
-GOOD = Outcome("0" * 16, 1.0, 1.0, b"result")
-BAD = Outcome("1" * 16, 1.0, failure="ValueError: no")
+from midnet_bench.campaign.provenance import collect, versions_note
 
 
 def test_floats_survive_the_csv_bit_by_bit() -> None:
@@ -36,18 +30,6 @@ def test_undefined_numbers_are_empty_cells_and_columns_unite() -> None:
     assert csv_text([]) == "\n"
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "table.csv"
-    write_atomically(path, "one")
-    write_atomically(path, b"two")
-    assert path.read_bytes() == b"two"
-    assert list(path.parent.iterdir()) == [path]
-
-    with pytest.raises(InputError, match=r"table\.csv/deeper\.csv: cannot be written: .*; its folder must"):
-        write_atomically(path / "deeper.csv", "three")
-    assert path.read_bytes() == b"two"
-
-
 def test_the_origin_is_json_without_paths_of_this_machine(tmp_path: Path) -> None:
     inside = Path.cwd() / "results" / "mine"
     command = [sys.executable, "run", str(tmp_path / "x.yaml"), "-o", str(inside), f"--map={tmp_path}/m.yaml"]
@@ -58,7 +40,6 @@ def test_the_origin_is_json_without_paths_of_this_machine(tmp_path: Path) -> Non
     assert noted["command"] == "midnet-bench run x.yaml -o results/mine --map=m.yaml"
     assert noted["seed"] == 7
     assert noted["midnet_bench"] == midnet_bench.__version__
-    assert isinstance(noted["libraries"], dict)
     assert noted["libraries"]["numpy"] == np.__version__
     assert str(noted["started_utc"]).endswith("+00:00")
     for path in (str(Path.cwd()), str(Path.home()), str(tmp_path), sys.prefix):
@@ -85,6 +66,16 @@ def test_a_checkout_is_known_by_commit_and_an_installation_by_version_alone(
     assert clean["uncommitted_changes"] is False
     assert dirty["commit"] == clean["commit"]
     assert dirty["uncommitted_changes"] is True
+
+
+def test_another_python_or_numpy_is_said_in_a_line() -> None:
+    here = collect(1)
+    assert versions_note([here, here]) == []
+    other = {**here, "python": "CPython 3.99.1"}
+    (note,) = versions_note([here, other])
+    assert "CPython 3.99 with NumPy" in note
+    (note,) = versions_note([here, {**here, "libraries": {"numpy": "9.1.0"}}, other])
+    assert "3 interpreters" in note
 
 
 def git(folder: Path, *arguments: str) -> None:

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
 import pytest
 
@@ -51,16 +51,7 @@ class Listener(Progress):
         self.ended += 1
 
 
-class Options(TypedDict, total=False):
-    jobs: int
-    backend: str
-    scheduler: str
-    fresh: bool
-    retry_failed: bool
-    progress: Progress
-
-
-def run(directory: Path, options: Options | None = None, **keys: object) -> CampaignOutcome:
+def run(directory: Path, options: dict[str, Any] | None = None, **keys: object) -> CampaignOutcome:
     """A campaign of coins with ``keys`` of a campaign file, on two workers unless the options differ."""
     return run_campaign(coin_campaign(**keys), directory, **{"jobs": 2, **(options or {})})
 
@@ -310,7 +301,7 @@ def test_two_versions_of_the_code_in_one_store_are_told(
     ],
 )
 def test_a_wrong_option_is_refused_before_anything_is_touched(
-    tmp_path: Path, options: Options, complaint: str
+    tmp_path: Path, options: dict[str, Any], complaint: str
 ) -> None:
     run(tmp_path, trials=1)
     before = (tmp_path / "campaign.sqlite").read_bytes()

@@ -1,12 +1,10 @@
 """The campaign process is killed, interrupted, starved of disk: what was finished stays, the rest resumes."""
 
-import contextlib
 import os
 import signal
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,6 @@ from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
 from midnet_bench.campaign.store import StoreFull, only_writer, open_store
 from midnet_bench.errors import MidnetBenchError
-from midnet_bench.io.files import write_atomically
 from tests.campaign import coin_experiments as coins
 from tests.campaign.campaign_process import exported, finish, start, wait_for
 
@@ -208,34 +205,6 @@ def test_a_process_is_refused_while_another_one_writes(tmp_path: Path) -> None:
     assert not (tmp_path / "campaign.sqlite").exists()
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 256 KiB; the tests fill it and then make room."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(disk)]
-    mounted = os.geteuid() == 0 and subprocess.run(command, capture_output=True, check=False).returncode == 0
-    if not mounted:
-        pytest.skip("mounting a small disk needs root")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
-
-
-def fill(disk: Path) -> None:
-    with contextlib.suppress(OSError), (disk / "ballast").open("wb", buffering=0) as ballast:
-        while True:
-            ballast.write(bytes(4096))
-
-
-def test_a_table_that_a_full_disk_has_no_room_for_is_no_wrong_input(small_disk: Path) -> None:
-    fill(small_disk)
-    with pytest.raises(
-        MidnetBenchError, match=r"table\.csv: cannot be written: No space .*; make room"
-    ) as caught:
-        write_atomically(small_disk / "table.csv", bytes(100_000))
-    assert caught.value.exit_code == 1
-
-
 NOISY = {"trials": 40, "parameters": {"noise_bytes": 20_000}}
 
 
@@ -284,10 +253,8 @@ def test_a_process_on_a_full_disk_ends_with_one_line_however_often_it_is_run(sma
     assert "done 40 0" in out
 
 
-def test_a_campaign_cannot_start_on_a_full_disk(small_disk: Path) -> None:
-    fill(small_disk)
+def test_a_campaign_cannot_start_on_a_full_disk(full_disk: Path) -> None:
     with pytest.raises(MidnetBenchError) as caught:
-        run_here(small_disk / "results", FORTY)
-
+        run_here(full_disk / "results", FORTY)
     assert caught.value.exit_code in (1, 2)
     assert "\n" not in str(caught.value)

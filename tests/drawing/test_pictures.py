@@ -34,7 +34,6 @@ BESIDE = (Pose2D(-0.05, 0.045, 0.0), Pose2D(-0.05, -0.045, 0.0))
 """points of a Burger's body on both sides of the line that shows its heading; a box's edge may hide one"""
 SETUP, SCENE = setup_and_scene()
 BARE = replace(SCENE, robots=[], detections=[], truths=[])
-assert SCENE.explanation is not None
 EXPLANATION = SCENE.explanation
 
 

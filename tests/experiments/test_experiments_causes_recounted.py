@@ -125,7 +125,6 @@ def gap_m(box: tuple[float, ...], x: float, y: float) -> float:
 def in_window(frame: RecordedFrame, guard: int, ends: Floats) -> npt.NDArray[np.bool_]:
     """Of true places, whether the guard puts them into the window about itself."""
     robot = frame.robots[guard]
-    assert robot is not None
     turn = robot.believed.yaw - robot.pose.yaw
     c, s = math.cos(turn), math.sin(turn)
     off = ends - robot.pose[:2]
@@ -203,7 +202,6 @@ def shifted(area: tuple[float, ...], by: Floats) -> tuple[float, ...]:
 def base(frame: RecordedFrame, guard: int) -> tuple[float, float]:
     """Where a guard took itself to be at its last scan."""
     sensor = frame.sensors[guard]
-    assert sensor is not None
     return (sensor.x + LIDAR_BACK_M * math.cos(sensor.yaw), sensor.y + LIDAR_BACK_M * math.sin(sensor.yaw))
 
 

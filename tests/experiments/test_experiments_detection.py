@@ -10,7 +10,6 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.detectors.detector_node import binary_prior
-from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.registry import run_trials
@@ -173,10 +172,3 @@ def test_a_file_counts_by_its_contents(tmp_path: Path) -> None:
     assert trial_id() == before  # the same walls
     save_map(OccupancyGrid(np.zeros((160, 160), np.int8), 0.05, (-4.0, -4.0)), tmp_path / "map.yaml")
     assert trial_id() != before
-
-
-def test_another_resolution_than_the_local_grids_is_refused(tmp_path: Path) -> None:
-    grid = OccupancyGrid(np.zeros((80, 80), np.int8), 0.1, (-4.0, -4.0))
-    save_map(grid, tmp_path / "coarse.yaml")
-    with pytest.raises(InputError, match=r"prior_map.*0\.1"):
-        DetectionParameters.of(prior_map=str(tmp_path / "coarse.yaml"))

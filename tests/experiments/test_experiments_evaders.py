@@ -68,7 +68,6 @@ def test_who_hides_goes_behind_the_nearest_wall_and_stays_there() -> None:
     assert deed.goal((x, y), None, 0.5 * HIDE_EVERY_S, guards) is None
     assert deed.goal((x, y), None, 2.0 * HIDE_EVERY_S, guards) is None
     seen = deed.goal((x, y), None, 4.0 * HIDE_EVERY_S, np.array([[x, y - 0.5]]))
-    assert seen is not None
     assert seen[0] < 1.0
 
 

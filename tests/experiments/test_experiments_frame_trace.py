@@ -301,13 +301,10 @@ def test_of_every_mark_is_known_which_return_made_it(options: Options) -> None:
     arena = room(box(1.8, 0.0, 0.1), box(-1.0, 0.5, 0.3), side_m=4.0, start=(0.8, 0.0))
     values = {**EXACTLY, "arena": arena.model_dump_json(), **options}
     with DetectionTrial(DetectionParameters.of(**values).with_files_read(), 1) as trial:
-        assert trial.own.recorder is not None
-        trace = trial.own.recorder.trace
-        assert trace is not None
         for _ in trial.frames():
             for guard, costmap in enumerate(trial.detector.costmaps):
                 marked = np.count_nonzero(costmap.marks == LETHAL)
-                assert len(trace.marks(guard).source) == marked > 0
+                assert len(trial.own.recorder.trace.marks(guard).source) == marked > 0
 
 
 def test_each_error_is_one_of_those_that_are_counted() -> None:

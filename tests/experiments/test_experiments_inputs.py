@@ -14,7 +14,6 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import _as_text, prior_map_from
-from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.mapping.map_score import score_map
@@ -58,11 +57,6 @@ def test_a_map_that_ends_inside_the_arena_is_refused(
 def test_exact_maps_from_files_cover_their_arenas(tmp_path: Path, name: str) -> None:
     save_map(render_exact(load_arena(name)), tmp_path / "map.yaml")
     DetectionParameters.of(arena=name, prior_map=str(tmp_path / "map.yaml"))
-
-
-def test_explored_maps_cover_their_arenas() -> None:
-    assert DetectionParameters.of(prior_map="explored").arena == "map1"
-    assert LabyrinthParameters.of(prior_map="explored").arena == "map2"
 
 
 def test_the_worst_explored_maps_cover_their_arenas_and_are_worse() -> None:
@@ -161,12 +155,3 @@ def test_what_was_taken_in_is_taken_again_as_it_is(tmp_path: Path) -> None:
     first = DetectionParameters.of(arena=str(own), prior_map=str(free_map(tmp_path / "map.yaml", 8.0)))
     assert DetectionParameters.of(**first.flat_values()) == first
     assert changed(lambda values: None) == first.prior_map
-
-
-@pytest.mark.parametrize("key", ["robots", "resolution_m"])
-def test_true_is_no_number(key: str) -> None:
-    assert f"{key}: Input should be a valid" in refused({key: True})
-
-
-def test_a_quoted_number_is_one() -> None:
-    assert DetectionParameters.of(robots="5").robots == 5

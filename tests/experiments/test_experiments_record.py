@@ -23,8 +23,6 @@ def test_a_campaign_over_team_sizes_gives_its_recorded_frames_back(recorded_camp
         assert frame.to_row() == {name: row[name] for name in frame.to_row()}
         assert len(frame.scans_m) == len(frame.sensors) == row["robots"]
         for robot, sensor, scan in zip(frame.robots, frame.sensors, frame.scans_m, strict=False):
-            assert robot is not None
-            assert sensor is not None
             assert sensor.distance_to(robot.believed) < 0.1
             assert len(scan) == 90
 

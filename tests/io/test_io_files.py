@@ -1,9 +1,7 @@
 """A file is there in full or not at all, and a full disk is no wrong input."""
 
 import os
-import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +12,6 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import temporary_folder, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.io.trajectory import Trajectory, write_tum
-
-
-@pytest.fixture
-def full_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk without a free byte."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("mounting a small disk needs root")
-    (disk / "ballast").write_bytes(bytes(16384))
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
 
 
 def save_a_map(folder: Path) -> None:

@@ -20,7 +20,6 @@ class Browser:
 
     def __init__(self, width: int = 1280, height: int = 900, dark: bool = False) -> None:
         """A blank page of that size, in CSS pixels."""
-        assert CHROMIUM is not None
         self._profile = tempfile.mkdtemp(prefix="midnet-bench-browser-")
         command_end, self._write = os.pipe()
         self._read, answer_end = os.pipe()

@@ -30,7 +30,6 @@ def in_node(expression: str, given: Any = None) -> Any:
         "const lists = given && trial.unpack(bytes, given.columns, given.frames);"
         f"console.log(JSON.stringify({expression}))"
     )
-    assert NODE is not None
     done = subprocess.run(
         [NODE, "-e", code], input=json.dumps(given), capture_output=True, text=True, check=False
     )

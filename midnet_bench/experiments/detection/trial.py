@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import directions
@@ -15,7 +14,7 @@ from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ScoredFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import Recorder
-from midnet_bench.geometry import Point, Solid
+from midnet_bench.geometry import Solid
 from midnet_bench.plugins import PluginError
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import (
@@ -49,7 +48,6 @@ class Scorer:
         """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
         self.counted: list[tuple[FrameCounts, Causes]] = []  # of each frame of a whole trial
-        self.counts_hidden = test.counts_hidden
         self.margin_m = 0.0  # by which intruders' boxes are wider than they are
         if test.truth_box == "inflated":
             self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
@@ -77,7 +75,7 @@ class DetectionTrial(GuardedArena):
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
             for robot in self.intruders:
-                robot.next_goal = self._random_goal
+                robot.next_goal = lambda robot: self._free.draw(self._goal_rngs[robot.index])
 
     def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
         """The trial's frames, each scored against where things are at its own instant."""
@@ -106,7 +104,7 @@ class DetectionTrial(GuardedArena):
 
         def in_sight() -> list[bool]:
             """True where hidden intruders do not count as missed."""
-            return self._in_sight(scorer) if scorer.counts_hidden else [True] * len(frame.truths)
+            return self._in_sight(scorer) if scorer.test.counts_hidden else [True] * len(frame.truths)
 
         windows = [scorer.node.window(guard) for guard in range(len(self.guards))]
         return scorer.causes.count(
@@ -136,7 +134,7 @@ class DetectionTrial(GuardedArena):
         scorer = scorer or self.own
         range_m = scorer.test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, scorer.test.in_range)
-        if not scorer.counts_hidden:
+        if not scorer.test.counts_hidden:
             seen = self._in_sight(scorer)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
@@ -189,9 +187,6 @@ class DetectionTrial(GuardedArena):
             *(robot.index in met for robot in self.intruders),
             *(is_hit(member.solids()) for member in self.crowd.members),
         ]
-
-    def _random_goal(self, robot: MobileRobot) -> Point:
-        return self._free.draw(self._goal_rngs[robot.index])
 
 
 def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:

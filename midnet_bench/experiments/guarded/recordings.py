@@ -1,7 +1,7 @@
 """A campaign's recorded trials for the player of ``report.html``."""
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -61,13 +61,10 @@ def _by_trial(factors: Sequence[str], frame: pd.DataFrame | None) -> dict[Key, p
     """A table's rows by the factors of the grid and the seed; nothing if no trial has it."""
     if frame is None or frame.empty:
         return {}
-    groups = frame.groupby([*factors, "seed"], sort=False, dropna=False)
-    return {_plain(key): rows for key, rows in groups}
-
-
-def _plain(key: Hashable) -> Key:
-    parts = key if isinstance(key, tuple) else (key,)
-    return tuple(part.item() if hasattr(part, "item") else part for part in parts)
+    groups: Any = frame.groupby([*factors, "seed"], sort=False, dropna=False)
+    return {
+        tuple(part.item() if hasattr(part, "item") else part for part in key): rows for key, rows in groups
+    }
 
 
 def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequence[Row]]) -> Recording:
