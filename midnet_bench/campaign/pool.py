@@ -350,7 +350,12 @@ class _Workers:
 
     def marks(self) -> list[Path]:
         """A file for each trial that runs, or was running when its worker ended."""
-        return sorted(self._folder.glob("*.*"))
+        try:
+            # one call that no signal interrupts: a glob that one leaves half read warns at the exit
+            names = os.listdir(self._folder)
+        except (FileNotFoundError, NotADirectoryError):  # the results were deleted
+            return []
+        return sorted(self._folder / name for name in names if "." in name)
 
     def kill_stalled(self) -> None:
         """Kills workers that end neither their trial nor themselves: stopped, or waiting for a file system.
