@@ -12,7 +12,12 @@ import pytest
 
 # a case that takes long on a busy machine says nothing about the code
 hypothesis.settings.register_profile("any machine", deadline=None)
-hypothesis.settings.load_profile("any machine")
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=30)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """A property has 30 examples in ``make test`` and 100 in ``make test-all``."""
+    hypothesis.settings.load_profile("quick" if config.option.markexpr == "not slow" else "any machine")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

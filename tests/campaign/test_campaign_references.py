@@ -56,6 +56,7 @@ def test_a_file_beside_the_campaigns_is_found_from_any_folder_and_kept_in_the_st
     assert found.summary == "Roll a die."
 
 
+@pytest.mark.slow
 def test_a_project_that_moved_goes_on_where_it_stopped(project: Path) -> None:
     run_with_registry(load_campaign(project / "rolling.yaml"), project / "rolled", jobs=2)
     before = rows(project / "rolled")

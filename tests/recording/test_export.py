@@ -79,6 +79,7 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return list(read(path))
 
 
+@pytest.mark.slow
 def test_detections_stand_in_the_bag(exported: list[Said], detected: list[list[Box]]) -> None:
     markers = [one for one in exported if one.topic == "/midnet/detections"]
     arrays = [one for one in exported if one.topic == "/midnet/detections_2d"]

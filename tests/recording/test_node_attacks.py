@@ -202,6 +202,7 @@ def with_malformed(sound: list[Raw], count: int) -> Iterator[Raw]:
             yield MALFORMED[kind][name](template)._replace(arrived_ns=one.arrived_ns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [24, pytest.param(320, marks=pytest.mark.slow)])
 def test_a_tenth_of_the_messages_is_malformed(frames: int) -> None:
     sound = drive(frames)

@@ -123,6 +123,7 @@ def test_nobody_in_any_team_gets_a_millimetre_into_a_wall_or_another(
     assert deepest_of(team, seconds=20.0) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "side_m", "rows", "seed", "most_m"),
     [

@@ -187,6 +187,7 @@ def test_what_comes_with_the_package_is_ok(name: str) -> None:
     assert check(name).faults == []
 
 
+@pytest.mark.slow
 def test_the_method_says_that_a_class_is_a_fusion(folder: Path) -> None:
     (folder / "mine.py").write_text(
         "class First:\n    def fuse(self, found, time_s):\n        return found[0]\n"
