@@ -71,6 +71,7 @@ def test_robots_start_on_a_ring_looking_outwards(robots: int) -> None:
         assert math.cos(pose.yaw - math.atan2(pose.y, pose.x)) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_intruders_come_in_both_shapes_and_all_sizes() -> None:
     solids = [solid for seed in SEEDS for solid in place(MAP1, seed, 1).stationary]
     assert {solid.kind for solid in solids} == {"box", "cylinder"}

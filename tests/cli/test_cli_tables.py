@@ -123,6 +123,7 @@ def test_a_real_terminal_s_width_is_taken(width: int, folder: Path) -> None:
     assert width - 20 < max(map(len, text.decode().splitlines())) <= width
 
 
+@pytest.mark.slow
 def test_verify_says_the_counts_first_and_lists_what_is_reproduced_when_asked(folder: Path) -> None:
     done, everything = (
         midnet_bench("verify", "detection", *more, folder=folder) for more in ((), ("--all",))

@@ -59,6 +59,7 @@ def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
         np.testing.assert_array_equal(sights[0][0], sights[1][0], "who is in sight is told without dropout")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hz", [1, 2, 5, 10])
 def test_lidars_scan_as_often_as_set_and_control_as_ever(hz: int) -> None:
     with trial(lidar_hz=hz) as made:

@@ -85,6 +85,7 @@ def test_an_intruder_that_waits_stands_until_then() -> None:
         assert moved_m > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ends", "time_limit_s", "caught"), [("time_limit", 60.0, 1), ("nobody_left", 2.0, 0)]
 )

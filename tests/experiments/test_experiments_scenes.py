@@ -55,6 +55,7 @@ def labyrinth(seed: int, **values: Scalar) -> list[Scene]:
         return list(drawn.scenes)
 
 
+@pytest.mark.slow
 def test_a_labyrinth_tells_who_caught_whom_and_shows_the_caught_one_for_the_last_time() -> None:
     *before, last, after = labyrinth(2, capture="detected", time_limit_s=18.0)
     assert {(scene.counter, scene.remark) for scene in before} == {("caught 0 of 2", "")}

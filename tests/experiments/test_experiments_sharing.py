@@ -74,6 +74,7 @@ def test_trials_of_one_simulation_have_the_bytes_that_they_have_alone(network: d
     assert [payload(result) for result in run_trials([wanted[k] for k in some])] == [shared[k] for k in some]
 
 
+@pytest.mark.slow
 def test_a_detector_that_fails_costs_no_other_trial(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     names = ("Scribbling", "Leaving", "Unmade")

@@ -224,6 +224,7 @@ def test_the_figure_has_a_panel_for_each_number_of_intruders(full: Variant) -> N
     assert ElementTree.fromstring(files[".svg"]).tag.endswith("svg")
 
 
+@pytest.mark.slow
 def test_details_tell_their_lines_apart_in_three_ways_and_leave_out_what_is_0(full: Variant) -> None:
     figure = details_figure(replace(full, robots=full.robots.assign(stuck_percent=0.0)))
     by_label = {axes.get_ylabel(): axes for axes in figure.axes}

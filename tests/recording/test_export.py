@@ -170,6 +170,7 @@ def test_map_odom_and_base_hang_together(odometry: str, tmp_path: Path) -> None:
     assert 1e-6 < drift_m < 0.5
 
 
+@pytest.mark.slow
 def test_a_layout_shows_what_the_bag_has(tmp_path: Path) -> None:
     export_trial("detection", {**TEAM, "frames": 1}, 1, tmp_path / "b.bag", "ros1")
     layout = json.loads((tmp_path / "b.foxglove.json").read_text())

@@ -94,6 +94,7 @@ def test_record_times_and_stamps_are_those_of_the_scans(tmp_path: Path) -> None:
             assert found == pytest.approx(box, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_who_walks_through_keeps_the_number_of_a_track(tmp_path: Path) -> None:
     said, _ = written(recording_of(tmp_path), tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
     frames = [one.message.markers[1:] for one in said if one.topic == "/replay/real/tracks"]

@@ -193,6 +193,7 @@ def test_a_slow_thing_moves_a_robot_out_of_its_way(kind: str) -> None:
     assert ends["fast"][1:] == pytest.approx((0.0, 0.0), abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("offset_m", [0.0, 0.02])
 def test_a_wedged_pair_comes_free(engine: str, offset_m: float) -> None:

@@ -57,6 +57,7 @@ def test_on_the_same_platform_the_last_digit_counts(golden: Path) -> None:
     assert line.startswith("scores.csv: row 1: recall 0.58506224066390")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("golden", "table", "column", "row", "near", "far"),
     [
