@@ -19,12 +19,13 @@ from midnet_bench.arena.layout import TEAM
 from midnet_bench.campaign.trial import Row
 from midnet_bench.detectors.detector_node import TeamFusion
 from midnet_bench.detectors.fusions import ious
+from midnet_bench.elementary import standard_normals
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import FREE, BoxArray
 from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.midnet.pipeline import MIDNet
-from midnet_bench.rng import standard_normals, stream
+from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.scoring.frame_counts import TruthObject, count_frame, total
 

@@ -3,7 +3,6 @@
 import hashlib
 
 import numpy as np
-import numpy.typing as npt
 
 
 def stream(seed: int, *axes: str | int) -> np.random.Generator:
@@ -18,19 +17,7 @@ def stream(seed: int, *axes: str | int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[int(word) for word in words]))
 
 
-def standard_normals(rng: np.random.Generator, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """Numbers of mean 0 and variance 1.
-
-    NumPy's sampler takes those beyond 3.654, one of 3900, from the C library's logarithm, whose last bit is
-    not everywhere the same. They are rounded to 1 / 1024, so that all libraries give one number.
-    """
-    draws = rng.standard_normal(shape)
-    beyond = np.abs(draws) > 3.65
-    draws[beyond] = np.rint(draws[beyond] * 1024.0) / 1024.0
-    return draws
-
-
 def standard_exponential(rng: np.random.Generator) -> float:
-    """A number of mean 1; those beyond 7.697 are rounded as ``standard_normals`` does it."""
+    """A number of mean 1; those beyond 7.697 are rounded as ``elementary.standard_normals`` does it."""
     draw = float(rng.standard_exponential())
     return round(draw * 1024.0) / 1024.0 if draw > 7.69 else draw

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from midnet_bench.elementary import directions, exponentials
+from midnet_bench.elementary import directions, exponentials, standard_normals
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.mapping.grid_slam import ORIGIN, Floats, GridSlam, Indices, ScanRays
 from midnet_bench.mapping.mapping_settings import GmappingSettings
@@ -14,7 +14,6 @@ from midnet_bench.mapping.particle_map import (
     match_particles,
     matching_in_cells,
 )
-from midnet_bench.rng import standard_normals
 
 
 class GMapping(GridSlam):

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.compiled import njit
-from midnet_bench.elementary import cos_sin, directions, hypot
+from midnet_bench.elementary import cos_sin, directions, hypot, standard_normals
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.rng import standard_normals, stream
+from midnet_bench.rng import stream
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.world import World
@@ -230,9 +230,14 @@ class LidarSensors:
         own = poses[rows]
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
+        blind, (left_m, low_m) = self._blind, self._blind.origin
         for i, (x, y, _) in enumerate(own.tolist()):
-            column, row = self._blind.cell_at(x, y)
-            if self._blind.contains_cell(column, row) and self._blind.data[row, column]:
+            row, column = (math.floor(d / blind.resolution) for d in (y - low_m, x - left_m))
+            if (
+                0 <= row < blind.data.shape[0]
+                and 0 <= column < blind.data.shape[1]
+                and blind.data[row, column]
+            ):
                 # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
                 one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
                 ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])

@@ -7,8 +7,9 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
+from midnet_bench.elementary import standard_normals
 from midnet_bench.geometry import Command, Pose2D, Solid
-from midnet_bench.rng import standard_normals, stream
+from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import sensors as lidar
 from midnet_bench.simulation.bullet_engine import BATCH

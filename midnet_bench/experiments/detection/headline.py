@@ -48,7 +48,7 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     )
     conclusion = [*_verdicts(results, cells), *_misses(results, cells)]
     return Headline(
-        [_scores(title, cells, known), *metric_tables(results)],
+        [_scores(title, cells, known), *(metric_tables(results) if "metrics" in results.tables else ())],
         conclusion,
         notes,
         following,

@@ -116,7 +116,7 @@ def tables(results: Results) -> list[Table]:
         *own_tables(cells, window_notes(results.definition)),
         *distance_tables(cells),
         _table("scores_by_seed", "Scores by seed", cells, _by_seed),
-        *metric_tables(results),
+        *(metric_tables(results) if "metrics" in results.tables else ()),
         *error_tables(results),
     ]
 

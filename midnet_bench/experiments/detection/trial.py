@@ -48,6 +48,7 @@ class Scorer:
         """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
         self.counted: list[tuple[FrameCounts, Causes]] = []  # of each frame of a whole trial
+        self.counts_hidden = test.counts_hidden
         self.margin_m = 0.0  # by which intruders' boxes are wider than they are
         if test.truth_box == "inflated":
             self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
@@ -104,7 +105,7 @@ class DetectionTrial(GuardedArena):
 
         def in_sight() -> list[bool]:
             """True where hidden intruders do not count as missed."""
-            return self._in_sight(scorer) if scorer.test.counts_hidden else [True] * len(frame.truths)
+            return self._in_sight(scorer) if scorer.counts_hidden else [True] * len(frame.truths)
 
         windows = [scorer.node.window(guard) for guard in range(len(self.guards))]
         return scorer.causes.count(
@@ -134,7 +135,7 @@ class DetectionTrial(GuardedArena):
         scorer = scorer or self.own
         range_m = scorer.test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, scorer.test.in_range)
-        if not scorer.test.counts_hidden:
+        if not scorer.counts_hidden:
             seen = self._in_sight(scorer)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
