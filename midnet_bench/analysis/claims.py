@@ -58,6 +58,26 @@ class Finding(NamedTuple):
         return Verdict.NOT_REPRODUCED if high < self.above or low > self.below else Verdict.INCONCLUSIVE
 
 
+class Claim(NamedTuple):
+    """What :func:`findings` takes: the arguments of :func:`finding`."""
+
+    claim: str
+    interval: Interval
+    above: float
+    below: float
+    agreeing_seeds: int | None = None
+
+
+def findings(claims: Sequence[Claim]) -> list[Finding]:
+    """As :func:`finding`, of each."""
+    p_values = [p_value(each.interval, each.above, each.below) for each in claims]
+    ours = [each.interval(1.0 - LEVEL) for each in claims]
+    return [
+        Finding(each.claim, number, *each[2:], p)
+        for each, number, p in zip(claims, ours, p_values, strict=True)
+    ]
+
+
 def finding(
     claim: str, interval: Interval, above: float, below: float, agreeing_seeds: int | None = None
 ) -> Finding:
@@ -70,8 +90,8 @@ def finding(
         below: upper end, may be inf.
         agreeing_seeds: of a comparison: how many seeds agree.
     """
-    ours = interval(1.0 - LEVEL)
-    return Finding(claim, ours, above, below, agreeing_seeds, p_value(interval, above, below))
+    (found,) = findings([Claim(claim, interval, above, below, agreeing_seeds)])
+    return found
 
 
 def comparison(

@@ -66,7 +66,8 @@ def run(
         return
     indent = max(map(len, found)) + 2
     for name, summary in found.items():
-        typer.echo("\n".join(filled(summary, max(20 + indent, width()), f"{name:{indent}}") or [name]))
+        first, *more = filled(summary, max(20, width() - indent)) or [""]
+        typer.echo("\n".join([f"{name:{indent}}{first}", *(" " * indent + line for line in more)]))
 
 
 def _run_packaged(name: str, chosen: options.Campaign) -> None:

@@ -85,7 +85,7 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
 
 def _print_paragraph(text: str) -> None:
     """A paragraph, indented, as wide as the terminal."""
-    typer.echo("\n" + "\n".join(filled(text, max(40, width()), "  ")))
+    typer.echo("\n" + "\n".join(f"  {line}" for line in filled(text, max(40, width()) - 2)))
 
 
 def _described(leaf: "Leaf") -> dict[str, Any]:

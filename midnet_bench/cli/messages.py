@@ -241,16 +241,9 @@ def width() -> int:
     return shutil.get_terminal_size((PIPE_WIDTH, 24)).columns
 
 
-def filled(text: str, most: int, head: str = "") -> list[str]:
-    """A sentence behind ``head`` in lines of at most ``most`` characters; a longer word stays whole."""
-    return textwrap.wrap(
-        shown(text),
-        most,
-        initial_indent=head,
-        subsequent_indent=" " * len(head),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+def filled(text: str, most: int) -> list[str]:
+    """A sentence in lines of at most ``most`` characters; a longer word stays whole."""
+    return textwrap.wrap(shown(text), most, break_long_words=False, break_on_hyphens=False)
 
 
 def print_json(document: Any) -> None:
@@ -367,7 +360,7 @@ def _row(
         if len(cell) <= size:
             blocks.append([cell])
         elif column.is_text or header:
-            blocks.append(filled(cell, size))
+            blocks.append(textwrap.wrap(cell, size, break_long_words=False, break_on_hyphens=False))
         else:
             blocks.append(column.pieces(cell, splits=True))
     height = max(map(len, blocks))
@@ -401,5 +394,12 @@ def _as_rows(columns: Sequence[_Column], most: int) -> list[str]:
         for column in others:
             if column.cells[number]:
                 first = f"  {column.header:{label}}  "
-                lines += filled(column.cells[number], max(most, len(first) + 1), first) or [first.rstrip()]
+                lines += textwrap.wrap(
+                    column.cells[number],
+                    max(most, len(first) + 1),
+                    initial_indent=first,
+                    subsequent_indent=" " * len(first),
+                    break_long_words=False,
+                    break_on_hyphens=False,
+                ) or [first.rstrip()]
     return lines

@@ -6,7 +6,7 @@ from functools import partial
 
 import pandas as pd
 
-from midnet_bench.analysis.claims import Finding, comparison, finding
+from midnet_bench.analysis.claims import Claim, Finding, comparison, findings
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
 from midnet_bench.experiments.detection.tables import (
@@ -62,7 +62,7 @@ def claims(results: Results) -> list[Finding]:
         team: cell.rows.assign(fn_in_window=cell.rows["fn"] - cell.rows["fn_outside_window"])
         for team, cell in cells_of(results).items()
     }
-    tables, found, causes = list[Finding](), list[Finding](), list[Finding]()
+    tables, found, causes = list[Claim](), list[Finding](), list[Claim]()
     for team in PAPER:
         if team in cells:
             tables += _table(TEAMS[team], PAPER[team], cells[team])
@@ -72,7 +72,7 @@ def claims(results: Results) -> list[Finding]:
     if ONE in cells:
         for which, (misses, hidden, _) in MISSES.items():
             claim = f"1 robot: most misses{which} are hidden intruders"
-            causes.append(finding(claim, _share(cells[ONE], hidden, misses), 0.5, math.inf))
+            causes.append(Claim(claim, _share(cells[ONE], hidden, misses), 0.5, math.inf))
     if FIVE in cells:  # section IV.C.2 on the result of Algorithms 3 and 4 (item 35)
         most = f"in at most {100 * NEVER:.0f} % of the frames"
         for claim, part, whole in (
@@ -80,11 +80,11 @@ def claims(results: Results) -> list[Finding]:
             ("the order of the robots changes the boxes", "reordered", "looked_at"),
         ):
             share = _share(cells[FIVE], part, whole)
-            causes.append(finding(f"5 robots: {claim} {most}", share, -math.inf, NEVER))
-    return [*tables, *found, *causes]
+            causes.append(Claim(f"5 robots: {claim} {most}", share, -math.inf, NEVER))
+    return [*findings(tables), *found, *findings(causes)]
 
 
-def _table(team: str, paper: Mapping[str, float], rows: pd.DataFrame) -> list[Finding]:
+def _table(team: str, paper: Mapping[str, float], rows: pd.DataFrame) -> list[Claim]:
     """The three ratios of one team, and its three counts per frame (item 41)."""
     found = []
     for score in SCORES:
@@ -93,21 +93,21 @@ def _table(team: str, paper: Mapping[str, float], rows: pd.DataFrame) -> list[Fi
         # no score is above 1: what would lie there accepts all that is high enough
         below = value + TOLERANCE if value + TOLERANCE <= 1.0 else math.inf
         ours = partial(mean, rows[score].tolist(), within=(0.0, 1.0))
-        found.append(finding(claim, ours, value - TOLERANCE, below))
+        found.append(Claim(claim, ours, value - TOLERANCE, below))
     for count in COUNTS:
         value = paper[count] / PAPER_FRAMES
         claim = f"{team}: a frame has {value:.3f} {CALLED[count]}, within {100 * COUNT_TOLERANCE:.0f} %"
         ours = partial(mean, (rows[count] / rows["frames"]).tolist(), within=(0.0, math.inf))
-        found.append(finding(claim, ours, (1.0 - COUNT_TOLERANCE) * value, (1.0 + COUNT_TOLERANCE) * value))
+        found.append(Claim(claim, ours, (1.0 - COUNT_TOLERANCE) * value, (1.0 + COUNT_TOLERANCE) * value))
     return found
 
 
-def _delay(team: str, cell: pd.DataFrame) -> list[Finding]:
+def _delay(team: str, cell: pd.DataFrame) -> list[Claim]:
     """What "is not expected to be significant": misses just come near, false boxes where one just was."""
     shares = {"false positives": ("fp_left", "fp")}
     shares |= {f"misses{which}": (new, misses) for which, (misses, _, new) in MISSES.items()}
     return [
-        finding(
+        Claim(
             f"{team}: at most {100 * MINOR:.0f} % of the {errors} are due to scan delay",
             _share(cell, part, whole),
             -math.inf,
