@@ -116,6 +116,7 @@ def paired_difference(
     Raises:
         ValueError: the two differ in length.
     """
+    _check_pairs(first, second)
     most = within[1] - within[0]
     return mean(
         [after - before for before, after in zip(first, second, strict=True)], confidence, (-most, most)
@@ -174,6 +175,7 @@ def ratio_of_sums(
     Raises:
         ValueError: the two differ in length.
     """
+    _check_pairs(numerators, denominators)
     n, below = len(denominators), exact_sum(denominators)
     each = below / n if n else 0.0
     if not each > 0.0:  # the mean of a denormal sum is 0
@@ -273,6 +275,11 @@ def exact_sum(values: Iterable[float]) -> float:
 def exact_mean(values: Collection[float]) -> float:
     """The mean of at least one value by :func:`exact_sum`."""
     return exact_sum(values) / len(values)
+
+
+def _check_pairs(first: Sequence[float], second: Sequence[float]) -> None:
+    if len(first) != len(second):
+        raise ValueError(f"pairs are needed: {len(first)} values against {len(second)}")
 
 
 def _undefined(n: int) -> Estimate:

@@ -115,16 +115,9 @@ def _map_log(
     path: Path, slam: str | None, particles: int | None, output: Path, how: dict[str, Any]
 ) -> "MadeMap":
     from midnet_bench.cli.progress import meter
-    from midnet_bench.io.scan_logs import read_scan_log
-    from midnet_bench.recording.files.bags import is_bag
+    from midnet_bench.workflows.read_log import read_log
 
-    # a bad one ends it before what is slow
-    if path.suffix == ".csv" or path.is_dir() or (path.exists() and is_bag(path)):
-        from midnet_bench.recording.scan_log import scan_log_of  # which takes a compiler
-
-        log = scan_log_of(path, messages.note)
-    else:
-        log = read_scan_log(path)
+    log = read_log(path, messages.note)  # a bad one ends it before what is slow
     from midnet_bench.mapping.graph_slam import FEWEST_BEAMS
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log

@@ -137,6 +137,12 @@ class _Heard:
         self.sweep_rad, self.odd = sweep_rad, 0
         return False
 
+    def forget_after(self, limit_ns: int) -> None:
+        """Leave out the scans whose stamps turned out to be no times: those after ``limit_ns``."""
+        self.scans = [scan for scan in self.scans if scan.stamp_ns <= limit_ns]
+        stamps = [scan.stamp_ns for scan in self.scans]
+        self.newest_ns, self.first_ns = max(stamps, default=-1), min(stamps, default=None)
+
 
 class _Clocks:
     """By topic, how far the stamps of its messages lie from when they came: the middle of the newest ones.
@@ -152,7 +158,8 @@ class _Clocks:
     def take(self, topic: str, stamp_ns: int, arrived_s: float) -> tuple[bool, float]:
         """Take one more stamp; whether it is a time, and the latest that one of the topic can be now, ns.
 
-        Its topic tells, or most of those that are counted where it is an hour off; inf while few have come.
+        The topic's own stamps decide; where they lie an hour off, those of most counted topics do. The limit
+        is inf while fewer than ``STAMPS_NEEDED`` have come.
         """
         seen = self._offsets.setdefault(topic, deque(maxlen=STAMPS_KEPT))
         seen.append(stamp_ns - round(arrived_s * NS))
@@ -305,9 +312,7 @@ class LiveNode:
         """Take back scans that came before it was clear that their stamps were no times, and their frames."""
         if heard.newest_ns <= limit_ns:
             return
-        heard.scans = [scan for scan in heard.scans if scan.stamp_ns <= limit_ns]
-        stamps = [scan.stamp_ns for scan in heard.scans]
-        heard.newest_ns, heard.first_ns = max(stamps, default=-1), min(stamps, default=None)
+        heard.forget_after(round(limit_ns))
         self._arrived = deque([one for one in self._arrived if one[0] <= limit_ns], self._arrived.maxlen)
         if self._made_until_ns > limit_ns:  # the clock was set back: what was detected is of no time
             self._made_until_ns = -1

@@ -299,15 +299,7 @@ def _pose_and_mount(
         if map_frame in above:  # the whole chain is fixed: the laser is at rest
             pose, is_upside_down = composed(look, above[: above.index(map_frame) + 1])
             return PoseChain((pose,), "a fixed transform"), (AT_ORIGIN, is_upside_down)
-        frames = look.chain(above[-1])
-        frames = frames[: frames.index(map_frame) + 1][::-1]
-        links = tuple(
-            composed(look, (child, parent))[0]
-            if look.is_fixed(parent, child)
-            else Link(laser.source, "", parent, child)
-            for parent, child in itertools.pairwise(frames)
-        )
-        return PoseChain(links, "tf " + " -> ".join(frames)), composed(look, above)
+        return _tf_chain(look, laser.source, above[-1], map_frame), composed(look, above)
     if given.startswith("at:"):
         return PoseChain((mount_of(given[3:], "pose"),), given), composed(look, above)
     source = recorded.holder(given, laser.source)
@@ -331,6 +323,16 @@ def composed(look: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
     for child, frame in itertools.pairwise(frames):
         whole = look.transforms[frame, child][0].transform.normalized().then(whole)
     return Pose2D(whole.x, whole.y, whole.yaw), whole.is_upside_down
+
+
+def _tf_chain(look: Survey, source: int, base: str, map_frame: str) -> PoseChain:
+    frames = look.chain(base)
+    frames = frames[: frames.index(map_frame) + 1][::-1]
+    links = [
+        composed(look, (child, frame))[0] if look.is_fixed(frame, child) else Link(source, "", frame, child)
+        for frame, child in itertools.pairwise(frames)
+    ]
+    return PoseChain(tuple(links), "tf " + " -> ".join(frames))
 
 
 def _missing_link(look: Survey, laser: str, map_frame: str, name: str) -> str:

@@ -70,7 +70,7 @@ class Score:
             "gospa_per_frame_m": counts.gospa_m / max(self.labelled, 1),
         }
 
-    def came(self, has_truth: bool) -> dict[str, Scalar]:
+    def event_counts(self, has_truth: bool) -> dict[str, Scalar]:
         """How many events there were; with labels, how many were none, and MOTA.
 
         MOTA (Bernardin, Stiefelhagen 2008): 1 - (missed, false, second boxes and switched tracks) / labels.
@@ -133,20 +133,7 @@ class Scorer:
         score = self.score
         distance_m = self._setup.match_distance_m
         there = [one for one in labels.there if self._is_scored(frame.observed, one.x, one.y)]
-        scored = list(range(len(every)))
-        if self._setup.sector_deg is not None or self._setup.window_m is not None:
-            outside = [label for label in labels.there if label not in there]
-
-            def is_on(box: Box, some: Iterable[Label]) -> bool:
-                return any(box.distance_to_point(one.x, one.y) <= distance_m for one in some)
-
-            # within sector and window, or on a label there; none that lies on labels outside alone
-            scored = [
-                k
-                for k, box in enumerate(every)
-                if is_on(box, there)
-                or (self._is_scored(frame.observed, *box.center) and not is_on(box, outside))
-            ]
+        scored = self._scored_boxes(frame.observed, every, labels.there, there)
         boxes = [every[index] for index in scored]
         match = matched(boxes, there, distance_m)
         seen = [self._visibility(frame.observed, label) for label in there]
@@ -163,6 +150,27 @@ class Scorer:
         if wrong:
             self.explainer.boxes(frame, wrong, labels._replace(there=there))
         return FrameScore(there, in_range, match, scored)
+
+    def _scored_boxes(
+        self,
+        observed: Sequence[RobotObservation],
+        boxes: Sequence[Box],
+        every: Sequence[Label],
+        there: Sequence[Label],
+    ) -> list[int]:
+        """Indices of the boxes within sector and window; none that lies on labels outside alone."""
+        if self._setup.sector_deg is None and self._setup.window_m is None:
+            return list(range(len(boxes)))
+
+        def is_on(box: Box, labels: Iterable[Label]) -> bool:
+            return any(box.distance_to_point(one.x, one.y) <= self._setup.match_distance_m for one in labels)
+
+        outside = [label for label in every if label not in there]
+        return [
+            index
+            for index, box in enumerate(boxes)
+            if is_on(box, there) or (self._is_scored(observed, *box.center) and not is_on(box, outside))
+        ]
 
     def _is_scored(self, observed: Sequence[RobotObservation], x: float, y: float) -> bool:
         """Whether a place of the map frame lies in the setup's sector and window of some robot."""

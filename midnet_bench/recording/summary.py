@@ -182,7 +182,11 @@ def score_tables(scores: Mapping[str, Score], has_truth: bool) -> list[Table]:
         ("recording_frames", "Frames and boxes", Score.looked_at),
         ("recording_scores", "Detection scores, as the paper counts", Score.scored),
         ("recording_matching", "One-to-one matching: a second box on one label is false", Score.paired),
-        ("recording_events", "Events: what came, however many boxes it had", lambda one: one.came(has_truth)),
+        (
+            "recording_events",
+            "Events: what came, however many boxes it had",
+            lambda one: one.event_counts(has_truth),
+        ),
     ]
     return [
         Table(name, title, [{"preset": preset, **row_of(one)} for preset, one in scores.items()])

@@ -102,13 +102,18 @@ done < /proc/self/mounts
 for place in "$1" "$2" "$HOME" "$3"; do
     touch "$place" 2>&- && exit 1
 done
-mount -t tmpfs -o ro tmpfs /dev/shm && mount -t tmpfs tmpfs /media && mkdir /media/folder /media/tmp || exit 1
-mount --bind "$1" /media/folder && mount -o remount,bind,rw /media/folder || exit 1
-mount --bind "$2" /media/tmp && mount -o remount,bind,rw /media/tmp || exit 1
-mount -o remount,ro /media && cd /media/folder && shift 3 && exec "$@"
+places=$4
+mount -t tmpfs -o ro tmpfs /dev/shm && mount -t tmpfs tmpfs $places || exit 1
+mkdir $places/folder $places/tmp || exit 1
+mount --bind "$1" $places/folder && mount -o remount,bind,rw $places/folder || exit 1
+mount --bind "$2" $places/tmp && mount -o remount,bind,rw $places/tmp || exit 1
+mount -o remount,ro $places && cd $places/folder && shift 4 && exec "$@"
 """
-"""runs a command that can write nowhere but in ``/media/folder`` and ``/media/tmp``, which are the folders of
-the first two arguments; the third is a place that must not be written"""
+"""runs a command that can write nowhere but in the folders of the first two arguments; the third is a place
+that must not be written, at the fourth the two appear as ``folder`` and ``tmp``"""
+PLACES = (
+    "/media"  # which each Linux has; in a name space of its own the test mounts an empty file system there
+)
 
 
 @pytest.mark.slow
@@ -117,7 +122,7 @@ def test_a_user_who_may_write_nothing_else_gets_the_same_bytes_in_a_hostile_fold
 ) -> None:
     """No right of root, and everything read-only but the working folder and the one for temporary files."""
     hostile, temporary = tmp_path / "hostile", tmp_path / "temporary"
-    before = make_hostile(hostile, Path("/media/folder/trap"))
+    before = make_hostile(hostile, Path(PLACES, "folder", "trap"))
     temporary.mkdir()
     kept = folder()
     if kept is not None:  # else everything would be compiled anew, which test_compiled.py does
@@ -128,7 +133,7 @@ def test_a_user_who_may_write_nothing_else_gets_the_same_bytes_in_a_hostile_fold
     user = ("--reuid", f"{NOBODY}", "--regid", f"{NOBODY}", "--clear-groups", "--no-new-privs")
     inside = (
         *("unshare", "--mount", *(() if is_root else ("--map-root-user",))),
-        *("sh", "-c", POOR, "sh", str(hostile), str(temporary), str(REPOSITORY)),
+        *("sh", "-c", POOR, "sh", str(hostile), str(temporary), str(REPOSITORY), PLACES),
         *(("setpriv", *user) if is_root else ()),
     )
     # another Python would compile for minutes
@@ -137,7 +142,7 @@ def test_a_user_who_may_write_nothing_else_gets_the_same_bytes_in_a_hostile_fold
     if not shutil.which(inside[0]) or subprocess.run(probe, capture_output=True, check=False).returncode:
         pytest.skip("needs a namespace of its own where all is read-only, and this Python open to all users")
 
-    places = {"HOME": "/", "TMPDIR": "/media/tmp", "NUMBA_CACHE_DIR": "/media/tmp/compiled"}
+    places = {"HOME": "/", "TMPDIR": f"{PLACES}/tmp", "NUMBA_CACHE_DIR": f"{PLACES}/tmp/compiled"}
     found, complaints = ran(hostile, *inside, **places, XDG_CACHE_HOME="")
 
     assert "since /dev/shm cannot be used (Read-only file system): trials run in this process" in complaints

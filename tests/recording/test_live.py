@@ -17,19 +17,23 @@ from midnet_bench.recording import live, poses
 from midnet_bench.recording.files.ros_messages import transforms
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import Detected, LiveNode, LiveOptions
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.workflows.export import export_trial
 from tests.recording.test_export import Said, read, trials_own
-from tests.recording.test_node_attacks import NAMES, NS, OPTIONS
 
 FRAMES, SEED = 15, 3
 TEAM: dict[str, Scalar] = {"robots": 3, "frames": FRAMES, "engine": "fast"}
+NAMES = ["guard_1", "guard_2", "guard_3"]
+NS = 1_000_000_000
 STILL = SimpleNamespace(
     translation=SimpleNamespace(x=0.0, y=0.0, z=0.0), rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
 )
 
 
 def options(pose_by_tf: bool = False, mount: Pose2D | None = None) -> LiveOptions:
-    return replace(OPTIONS, pose_by_tf=pose_by_tf, mount=mount)
+    return LiveOptions(
+        NAMES, lambda resolution_m: ReplaySettings.of("paper", {}, resolution_m), pose_by_tf, mount
+    )
 
 
 @pytest.fixture(scope="module")

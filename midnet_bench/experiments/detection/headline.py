@@ -13,7 +13,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key
 from midnet_bench.experiments.detection.tables import HEADS, SCORES, SHOWN, Cells, cells_of, window_notes
 from midnet_bench.experiments.experiment import Headline
-from midnet_bench.experiments.guarded.metric_tables import metric_tables
+from midnet_bench.experiments.guarded.metric_tables import METRICS, metric_tables
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
@@ -48,7 +48,7 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     )
     conclusion = [*_verdicts(results, cells), *_misses(results, cells)]
     return Headline(
-        [_scores(title, cells, known), *(metric_tables(results) if "metrics" in results.tables else ())],
+        [_scores(title, cells, known), *(metric_tables(results) if METRICS in results.tables else ())],
         conclusion,
         notes,
         following,

@@ -22,7 +22,7 @@ from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, distance, ex
 from midnet_bench.analysis.tables import Cell, Table, team_in_words
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.experiments.detection.error_tables import error_tables
-from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
+from midnet_bench.experiments.guarded.metric_tables import METRICS, metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
 
@@ -116,7 +116,7 @@ def tables(results: Results) -> list[Table]:
         *own_tables(cells, window_notes(results.definition)),
         *distance_tables(cells),
         _table("scores_by_seed", "Scores by seed", cells, _by_seed),
-        *(metric_tables(results) if "metrics" in results.tables else ()),
+        *(metric_tables(results) if METRICS in results.tables else ()),
         *error_tables(results),
     ]
 

@@ -76,7 +76,7 @@ class DetectionTrial(GuardedArena):
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
             for robot in self.intruders:
-                robot.next_goal = lambda robot: self._free.draw(self._goal_rngs[robot.index])
+                robot.next_goal = lambda one: self._free.draw(self._goal_rngs[one.index])
 
     def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
         """The trial's frames, each scored against where things are at its own instant."""

@@ -10,11 +10,12 @@ from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
 
 NAME = "metrics_summary"
+METRICS = "metrics"  # the table of trials that take some
 
 
 def metric_measures(results: Results) -> pd.DataFrame:
     """Each metric of each trial, a frame of scores in the campaign's order; empty without metrics."""
-    frame = results.tables.get("metrics")
+    frame = results.tables.get(METRICS)
     if frame is None or frame.empty:
         return pd.DataFrame()
     frame = frame.assign(robots=results.column(frame, "robots")).rename(columns={"metric": MEASURE})

@@ -353,10 +353,7 @@ def placed(
         moved = Pose2D(x, y, math.radians(yaw_deg)).compose(samples[0].pose.inverse())
         samples = samples_of(recorded, robot.moved(moved), setup)
     search = Search(samples, FULL_BEAMS, Walls(prior_map))
-    here = search.as_set
-    found, others = _anywhere(search) if start == FOUND else (search.refined(here, MAP), [])
-    if start != FOUND and not (found.share >= here.share and found.score > here.score):
-        found = here
+    found, others = _anywhere(search) if start == FOUND else (_near(search), [])
     if start == FOUND and found.share < POOR:
         raise InputError(
             f"start: {robot.name}: no place of the map brings more than {found.share:.2f} of the returns "
@@ -373,6 +370,13 @@ def placed(
     if found.share < GOOD:
         note(f"{robot.name}: few returns for the right place; --check looks for the mount as well")
     return found.map_moved.compose(moved)
+
+
+def _near(search: Search) -> Candidate:
+    """The place near where the poses are now by which more returns lie on walls; it itself if none is."""
+    here = search.as_set
+    better = search.refined(here, MAP)
+    return better if better.share >= here.share and better.score > here.score else here
 
 
 def _anywhere(search: Search) -> tuple[Candidate, list[Candidate]]:
