@@ -241,8 +241,7 @@ class Solid:
         if self.kind == "cylinder":
             half_side = math.pi / CYLINDER_SIDES
             radius = self.length_m / (1.0 + _elementary().cos(half_side))
-            angles = 2.0 * half_side * np.arange(CYLINDER_SIDES, dtype=np.float64)
-            corners = radius * _elementary().directions(angles)
+            corners = radius * _unit_circle()
         else:
             half = np.array([self.length_m, self.width_m]) / 2.0
             corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -255,6 +254,14 @@ class Solid:
         if self.kind == "cylinder":
             return Box.square(self.pose.x, self.pose.y, self.length_m)
         return Box(*self.outline.min(axis=0).tolist(), *self.outline.max(axis=0).tolist())
+
+
+@cache
+def _unit_circle() -> npt.NDArray[np.float64]:
+    """(``CYLINDER_SIDES``, 2) corners, counter-clockwise."""
+    angles = 2.0 * (math.pi / CYLINDER_SIDES) * np.arange(CYLINDER_SIDES, dtype=np.float64)
+    corners: npt.NDArray[np.float64] = _elementary().directions(angles)
+    return corners
 
 
 def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:

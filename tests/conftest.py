@@ -1,5 +1,6 @@
 """Real trials that tests share. Heavy rooms are imported on first use."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ hypothesis.settings.register_profile("quick", deadline=None, max_examples=30)
 
 def pytest_configure(config: pytest.Config) -> None:
     """A property has 30 examples in ``make test`` and 100 in ``make test-all``."""
+    gc.set_threshold(100_000, 50, 50)
     hypothesis.settings.load_profile("quick" if config.option.markexpr == "not slow" else "any machine")
 
 

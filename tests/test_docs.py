@@ -8,9 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import cv2
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 import midnet_bench
 import midnet_bench as mb
@@ -215,14 +213,12 @@ def resolved(name: str) -> object:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
     monkeypatch.setenv("PYTHONPATH", str(DOCS.parent))
     notebook = nbformat.read(DOCS / "midnet_bench.ipynb", as_version=4)
-    assert all(cell.outputs or cell.source.startswith("import") for cell in code_cells(notebook)[:-1])
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert all(cell.outputs or cell.source.startswith("import") for cell in cells[:-1])
     NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    assert not [
-        output for cell in code_cells(notebook) for output in cell.outputs if output.output_type == "error"
-    ]
-
-
-def code_cells(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
-    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert not [output for cell in cells for output in cell.outputs if output.output_type == "error"]

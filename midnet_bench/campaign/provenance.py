@@ -7,6 +7,7 @@ the user's own folder, which code it ran for which store; what came from elsewhe
 copied folder brings no trust along, and neither does a file that has changed since.
 """
 
+import functools
 import hashlib
 import json
 import math
@@ -123,6 +124,7 @@ def _code(run: Provenance) -> str:
     return f"{code}, experiment {str(digest)[:12]}" if digest else code
 
 
+@functools.cache  # a file of the library is read for it, a tenth of a second for all
 def _version(library: str) -> str | None:
     try:
         return metadata.version(library)

@@ -1,5 +1,6 @@
 """costmap_2d: obstacles by scans, inflation, and the rolling and global costmaps made of them."""
 
+import functools
 import math
 from abc import ABC, abstractmethod
 from typing import Any
@@ -42,6 +43,7 @@ def reach_cells(radius_m: float, resolution: float) -> int:
     return max(0, math.ceil(round(radius_m / resolution, 9)))
 
 
+@functools.cache  # for every robot of a team alike
 def inflation_costs(settings: CostmapSettings, radius_m: float) -> Cells:
     """(cells of the radius**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
 

@@ -1,12 +1,13 @@
 """``report.html``: what a campaign came to, on one page that needs no network."""
 
 import base64
+import functools
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.drawing import palette
 from midnet_bench.page.recording import COLUMNS, KINDS, SCAN_COLUMNS, Recording, packed
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 FOLDER = Path(__file__).parent
 MOST_BYTES = 9_900_000  # of the page: less than 10 MB
@@ -239,8 +243,6 @@ def _fixed(content: Content) -> dict[str, Any]:
 def _rendered(
     fixed: Mapping[str, Any], funnel: Funnel, kept: Sequence[_Packed], with_scans: set[int], recorded: int
 ) -> str:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     places = {trial.place: number for number, trial in enumerate(kept)}
     page = {
         **fixed,
@@ -248,13 +250,20 @@ def _rendered(
         "player": _player(kept, with_scans, recorded) if kept else None,
     }
     page["chapters"] = [name for name in CHAPTERS if name in ("results", "provenance") or page[name]]
+    return _template().render(page=page)
+
+
+@functools.cache
+def _template() -> "Template":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
     environment = Environment(
         loader=FileSystemLoader(FOLDER),
         autoescape=True,
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    return environment.get_template("report.html.j2").render(page=page)
+    return environment.get_template("report.html.j2")
 
 
 def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from random import Random
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from midnet_bench.analysis.statistics import (
     Estimate,
@@ -31,7 +31,7 @@ FINITE = st.integers(-(10**9), 10**9).map(lambda thousandths: thousandths / 1000
 def test_a_share_of_yes_and_no_has_wilsons_interval_with_students_quantile(case: tuple[int, int]) -> None:
     k, n = case
     estimate = share([1.0] * k + [0.0] * (n - k))
-    t, p = stats.t.ppf(0.975, n - 1), k / n
+    t, p = scipy.stats.t.ppf(0.975, n - 1), k / n
     middle = (p + t * t / (2 * n)) / (1 + t * t / n)
     half = t / (1 + t * t / n) * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
     assert estimate == pytest.approx((p, middle - half, middle + half, n), abs=1e-9)
@@ -39,7 +39,7 @@ def test_a_share_of_yes_and_no_has_wilsons_interval_with_students_quantile(case:
 
 
 def test_a_share_of_many_yes_and_no_is_scipys_wilson_interval() -> None:
-    expected = stats.binomtest(1234, 5000).proportion_ci(method="wilson")
+    expected = scipy.stats.binomtest(1234, 5000).proportion_ci(method="wilson")
     estimate = share([1.0] * 1234 + [0.0] * 3766)
     assert (estimate.low, estimate.high) == pytest.approx((expected.low, expected.high), abs=1e-5)
 
@@ -64,20 +64,20 @@ def test_a_sample_and_its_mirror_image_have_students_interval(half: list[float])
     if max(values) == min(values):
         assert math.isnan(estimate.low)
         return
-    low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
+    low, high = scipy.stats.t.interval(0.95, len(values) - 1, np.mean(values), scipy.stats.sem(values))
     assert (estimate.low, estimate.high) == pytest.approx((low, high), rel=1e-6, abs=1e-6)
 
 
 def test_halls_transformation_maps_both_ends_to_students_quantiles() -> None:
     values = np.random.default_rng(1).exponential(2.0, 8)
-    n, skewness = len(values), stats.moment(values, 3) / values.std(ddof=1) ** 3
+    n, skewness = len(values), scipy.stats.moment(values, 3) / values.std(ddof=1) ** 3
     estimate = mean(values.tolist(), confidence=0.9)
     transformed = []
     for end in (estimate.low, estimate.high):
         ratio = (estimate.value - end) / values.std(ddof=1)
         inner = ratio + skewness * ratio**2 / 3 + skewness**2 * ratio**3 / 27 + skewness / (6 * n)
         transformed.append(math.sqrt(n) * inner)
-    assert transformed == pytest.approx([stats.t.ppf(0.95, n - 1), -stats.t.ppf(0.95, n - 1)])
+    assert transformed == pytest.approx([scipy.stats.t.ppf(0.95, n - 1), -scipy.stats.t.ppf(0.95, n - 1)])
     # a long tail to the right may hide a higher mean
     assert estimate.high - estimate.value > estimate.value - estimate.low
 
@@ -119,7 +119,7 @@ def test_the_value_that_makes_an_interval_wide_is_named() -> None:
     assert outlier([1.0] * 9) is None
     # Hall's interval is up to 2.4 times as long
     one = mean([0.0] * 9 + [1.0])
-    student = 2 * stats.t.ppf(0.975, 9) * stats.sem([0.0] * 9 + [1.0])
+    student = 2 * scipy.stats.t.ppf(0.975, 9) * scipy.stats.sem([0.0] * 9 + [1.0])
     assert 2.0 < (one.high - one.low) / student < 2.5
 
 
@@ -206,7 +206,7 @@ def test_95_percent_of_the_intervals_hold_the_truth(
 
 def test_a_p_value_is_that_of_students_test() -> None:
     values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # no skewness
-    expected = stats.ttest_1samp(values, 2.0).pvalue
+    expected = scipy.stats.ttest_1samp(values, 2.0).pvalue
     assert p_value(partial(mean, values), 2.0, math.inf) == pytest.approx(expected, abs=1e-8)
     # on which side is not asked
     assert p_value(partial(mean, values), -math.inf, 2.0) == pytest.approx(expected, abs=1e-8)

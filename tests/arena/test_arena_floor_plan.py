@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from midnet_bench.arena.arena import MOST_BLOCKS, Arena, checked_arena
@@ -31,7 +31,6 @@ def arena_of(dark: np.ndarray, resolution_m: float = 0.05) -> Arena:
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
 @given(dark=arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=12)))
 def test_rectangles_cover_the_dark_cells_and_no_other_and_none_could_grow(dark: np.ndarray) -> None:
     covered = np.zeros_like(dark)

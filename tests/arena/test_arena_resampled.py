@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -33,7 +33,6 @@ def expected(grid: OccupancyGrid, row: int, column: int, side_m: float) -> int:
     return 100 if 100 in met else -1 if -1 in met or beyond else 0
 
 
-@settings(max_examples=150, deadline=None)
 @given(data=MAPS, old=SIZES, new=SIZES)
 def test_each_cell_is_what_it_shares_area_with(data: np.ndarray, old: float, new: float) -> None:
     grid = OccupancyGrid(data, old, (-3.0, 1.5))
@@ -46,7 +45,6 @@ def test_each_cell_is_what_it_shares_area_with(data: np.ndarray, old: float, new
     assert made.data.tolist() == wanted
 
 
-@settings(max_examples=100, deadline=None)
 @given(data=MAPS, old=SIZES, new=SIZES)
 def test_no_wall_gets_lost_on_the_way_there_and_back(data: np.ndarray, old: float, new: float) -> None:
     grid = OccupancyGrid(data, old, (0.0, 0.0))

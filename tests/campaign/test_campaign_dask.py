@@ -1,7 +1,6 @@
 """Campaigns on a real Dask scheduler with two workers, all in processes of their own on loopback."""
 
 import contextlib
-import importlib
 import json
 import os
 import shutil
@@ -11,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -26,8 +26,9 @@ from tests.campaign import coin_experiments as coins
 from tests.campaign import dice
 from tests.campaign.campaign_process import environment, exported, finish, start, wait_for
 
-pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
-dask_pool = importlib.import_module("midnet_bench.campaign.dask_pool")
+pytestmark = pytest.mark.skipif(
+    find_spec("distributed") is None, reason="the extra midnet-bench[dask] is not installed"
+)
 
 PLAIN = {"grid": {"coins": [1, 2, 3], "table": ["wood", "glass"]}, "trials": 3}
 HERE = ("--host", "127.0.0.1")
@@ -233,7 +234,7 @@ def test_an_interrupt_leaves_the_cluster_in_order(tmp_path: Path, scheduler: str
 def test_a_scheduler_that_does_not_answer_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dask_pool, "CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("midnet_bench.campaign.dask_pool.CONNECT_TIMEOUT_S", 0.5)
     with socket.socket() as mute:
         mute.bind(("127.0.0.1", 0))
         mute.listen()
@@ -268,7 +269,7 @@ def test_workers_that_come_and_leave_are_waited_for_and_an_interrupt_is_heard(
     tmp_path: Path, deserted: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One comes when the campaign has said that there is none, and leaves after some trials; twice."""
-    monkeypatch.setattr(dask_pool, "TELL_AFTER_S", 0.2)
+    monkeypatch.setattr("midnet_bench.campaign.dask_pool.TELL_AFTER_S", 0.2)
     folder, address = deserted
     notes: list[int] = []
     worker = contextlib.ExitStack()

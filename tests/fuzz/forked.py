@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import resource
 import select
 import signal
@@ -53,9 +54,9 @@ class Ended:
             return "traceback"
         if self.peak_bytes - self.inherited_bytes > MEMORY_BYTES:
             return f"takes {self.peak_bytes / 2**20:.0f} MB"
-        lines = self.stderr.splitlines()
-        # what Python says of a user's own file is his to hear
-        if any("Warning: " in line and "SyntaxWarning: " not in line for line in lines):
+        # what Python says of a user's own file, with the line that it is about, is his to hear
+        lines = re.sub(r".*SyntaxWarning: .*\n(  .*\n)?", "", self.stderr).splitlines()
+        if any("Warning: " in line for line in lines):
             return "a warning of Python's"
         if self.code in good_codes:
             return ""

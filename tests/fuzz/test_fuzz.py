@@ -18,10 +18,10 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.mark.slow
-def test_40_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
+def test_28_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
     # in its own process: a fork of one with threads, as pytest's workers have, may wait for a lock for ever
     done = subprocess.run(
-        [sys.executable, "-m", "tests.fuzz", "--cases", "40", "--seed", "1"],
+        [sys.executable, "-m", "tests.fuzz", "--cases", "28", "--seed", "1"],
         cwd=REPOSITORY,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         capture_output=True,
@@ -31,8 +31,8 @@ def test_40_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     (line,) = (line for line in done.stdout.splitlines() if line.startswith("all "))
     cases, succeeded, refused, finds = map(int, line.split()[1:])
-    assert (cases, finds) == (40, 0)
-    assert min(succeeded, refused) > 5, "what is never taken, or never refused, tests nothing"
+    assert (cases, finds) == (28, 0)
+    assert min(succeeded, refused) > 4, "what is never taken, or never refused, tests nothing"
 
 
 def found(call: Callable[[], object], folder: Path, *named: Path) -> str:
@@ -61,6 +61,7 @@ def busy() -> None:
         (lambda: says("error: no\n", 2), ""),
         (lambda: says("", 2), "0 lines of refusal"),
         (lambda: says("error: no\nnor that\n", 2), "2 lines of refusal"),
+        (lambda: says("a.py:1: SyntaxWarning: is it?\n  1 is 1\nerror: no\n", 2), ""),
         (lambda: says("x" * 301, 2), "a refusal too long or not printable"),
         (lambda: says("\x1b[31m", 2), "a refusal too long or not printable"),
         (lambda: says("a.py:1: RuntimeWarning: overflow\n", 0), "a warning of Python's"),

@@ -172,7 +172,6 @@ SIGNED = st.floats(-1.0, 1.0)
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=150)
 @given(
     width_m=st.floats(2.0, 4.5),
     height_m=st.floats(2.0, 4.5),
@@ -200,7 +199,6 @@ def test_in_any_room_the_pose_is_right_to_a_cell_and_as_sure_as_it_says(
     assert error @ np.linalg.solve(covariance, error) < 25.0
 
 
-@settings(deadline=None, max_examples=100)
 @given(
     ranges=st.lists(st.floats(0.0, 5.0) | st.sampled_from([math.inf, math.nan]), min_size=1, max_size=60),
     pose=st.builds(Pose2D, st.floats(-1.0, 4.0), st.floats(-1.0, 4.0), st.floats(-9.0, 9.0)),

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
@@ -71,7 +71,6 @@ def test_potentials_by_hand() -> None:
     assert (values[0] == 1e10).all()
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 @example(325)
 def test_potentials_are_nearly_those_of_a_heap(seed: int) -> None:
@@ -92,7 +91,6 @@ def test_potentials_are_nearly_those_of_a_heap(seed: int) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 @example(23530280)
 def test_a_path_exists_exactly_where_cells_connect_and_avoids_obstacles(seed: int) -> None:

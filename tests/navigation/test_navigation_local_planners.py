@@ -154,7 +154,6 @@ def test_only_the_outline_is_examined_and_253_is_legal() -> None:
     assert outline_cost(costs, 2.2, 10.5, 1.0, 0.0, FOOTPRINT) == -1
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_outlines_equal_an_independent_walk(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -232,7 +231,6 @@ def dwa_total(
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0.0, 1 / 64, 0.5]))
 def test_the_pruned_search_picks_what_scoring_every_sample_picks(
     seed: int, aligned: bool, occupied: float

@@ -203,7 +203,7 @@ def with_malformed(sound: list[Raw], count: int) -> Iterator[Raw]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frames", [24, pytest.param(320, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("frames", [24, 160])
 def test_a_tenth_of_the_messages_is_malformed(frames: int) -> None:
     sound = drive(frames)
     wanted = node_of(sound)
