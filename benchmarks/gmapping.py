@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.gmapping import GMapping, cores
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
-from midnet_bench.mapping.particle_map import cores
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 

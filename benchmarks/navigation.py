@@ -65,7 +65,7 @@ def main() -> None:
         costmap = RollingCostmap(settings, (-4.0, -4.0))
 
         def take(i: int, costmap: RollingCostmap = costmap) -> None:
-            costmap.update(poses[i], poses[i].compose(LIDAR.mount), seen[i], LIDAR, 0.2 * i)
+            costmap.update(poses[i], seen[i], LIDAR, 0.2 * i)
             costmap.published()
 
         print(f"{median_us(take, 100):8.0f}  scan into a rolling costmap of {name}, inflated and published")

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 Point = tuple[float, float]  # a place, metres
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 @cache
@@ -22,13 +24,13 @@ def _elementary() -> Any:
     return from_python
 
 
-def lengths(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def lengths(vectors: Floats) -> Floats:
     """(...) lengths of (..., 2) vectors, each below 1e150: as ``elementary.hypot`` of each, to the bit."""
     x, y = vectors[..., 0], vectors[..., 1]
     return np.asarray(np.sqrt(x * x + y * y))
 
 
-def mean_point(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def mean_point(points: Floats) -> Floats:
     """(k,) the mean of (n, k) points, n at least 1, of exact sums: the same in whatever order they are."""
     return np.array([math.fsum(column) / len(points) for column in points.T.tolist()])
 
@@ -73,7 +75,7 @@ class Pose2D(NamedTuple):
         local = other.inverse().compose(self)
         return local._replace(yaw=wrap_angle(local.yaw))
 
-    def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def transform(self, points: Floats) -> Floats:
         """(N, 2) float64 points that are given in this pose's frame, in the parent frame, metres."""
         x, y = points[:, 0], points[:, 1]
         c, s = (1.0, 0.0) if self.yaw == 0.0 else self.direction
@@ -145,26 +147,26 @@ class LidarGeometry:
     mount: Pose2D  # the sensor in the robot's base frame
 
     @property
-    def angles_rad(self) -> npt.NDArray[np.float64]:
+    def angles_rad(self) -> Floats:
         """(beams,) direction of each beam in the sensor frame, radians."""
         return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams, dtype=np.float64)
 
     @cached_property
-    def directions(self) -> npt.NDArray[np.float64]:
+    def directions(self) -> Floats:
         """(beams, 2) unit vector along each beam in the sensor frame."""
-        directions: npt.NDArray[np.float64] = _elementary().directions(self.angles_rad)
+        directions: Floats = _elementary().directions(self.angles_rad)
         return directions
 
 
 class Scan(NamedTuple):
     """sensor_msgs/LaserScan, and where the robot took itself to be then."""
 
-    ranges_m: npt.NDArray[np.float64]  # (beams,); inf where nothing was met, nan where the reading is void
+    ranges_m: Floats  # (beams,); inf where nothing was met, nan where the reading is void
     lidar: LidarGeometry
     pose: Pose2D  # of the robot, map frame
     stamp_s: float
 
-    def returns(self, range_m: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    def returns(self, range_m: float) -> tuple[Indices, Floats]:
         """(n,) the beams that met something within ``range_m``, and (n, 2) where, map frame, metres."""
         lidar = self.lidar
         near = (self.ranges_m >= lidar.range_min_m) & (self.ranges_m <= min(range_m, lidar.range_max_m))
@@ -221,7 +223,7 @@ class Solid:
         x, y = box.center
         return cls("box", Pose2D(x, y, 0.0), box.x_max - box.x_min, box.y_max - box.y_min, height_m)
 
-    def distance_to(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def distance_to(self, points: Floats) -> Floats:
         """(n,) from each of (n, 2) points to the surface in the plane, metres; negative inside."""
         dx, dy = points[:, 0] - self.pose.x, points[:, 1] - self.pose.y
         if self.kind == "cylinder":
@@ -233,7 +235,7 @@ class Solid:
         return outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
 
     @cached_property
-    def outline(self) -> npt.NDArray[np.float64]:
+    def outline(self) -> Floats:
         """(k, 2) corners seen from above, counter-clockwise, map frame, metres; read-only.
 
         A cylinder's corners lie outside its circle by as much as the middles of its sides lie inside.
@@ -274,7 +276,7 @@ def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:
     return min((float(other.distance_to(points).min()) for other in others), default=math.inf)
 
 
-def dense_outline(corners: npt.NDArray[np.float64], step_m: float = 0.02) -> npt.NDArray[np.float64]:
+def dense_outline(corners: Floats, step_m: float = 0.02) -> Floats:
     """(n, 2) points along a closed outline of (k, 2) corners, ``step_m`` apart at most, corners included."""
     sides = np.roll(corners, -1, axis=0) - corners
     pieces = math.ceil(float(lengths(sides).max()) / step_m)

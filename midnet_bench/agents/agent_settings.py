@@ -94,7 +94,6 @@ PATROLS = ExtensionPoint(
         "coordinated": "midnet_bench.agents.graph_patrols:CoordinatedIdleness",
     },
 )
-"""see ``agents/patrol.py``"""
 
 PURSUITS = ExtensionPoint(
     option="pursuit",
@@ -108,4 +107,3 @@ PURSUITS = ExtensionPoint(
         "oracle": None,
     },
 )
-"""see ``agents/pursuit.py``"""

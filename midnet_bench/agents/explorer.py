@@ -1,67 +1,49 @@
 """``Explorer``: a Burger that maps an unknown place by driving where its map ends (section II.A)."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.elementary import directions
-from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
+from midnet_bench.geometry import Floats, LidarGeometry, Point, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import MapWindow, OccupancyGrid
-from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers
 from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.navigation.navigator import Navigator
 
 MATE_RADIUS_M = 0.3
 """A return this near to where a mate says it is comes from that mate: its body and both poses' errors."""
-
 _BODIES = 7.0
 """A robot that is done leaves this many inscribed radii round it free for mates: three bodies' width."""
 
 
+@dataclass(eq=False, kw_only=True)
 class Explorer(MobileRobot):
     """UKF (odometry frame), GMapping (map -> odom), move_base on a growing map, explore_lite over it.
 
     Its pose, its goals and its costmaps are in the map frame, which is the arena's because start poses are
-    known; where GMapping moves the odometry frame, the pose jumps with it.
+    known; where GMapping moves the odometry frame, the pose jumps with it. ``ukf`` and ``slam`` begin at
+    ``pose``, so that the odometry frame begins as the map frame. The ``navigator`` has an unknown map that
+    covers ``area``; frontiers outside it are left alone.
     """
 
-    def __init__(
-        self,
-        index: int,
-        name: str,
-        start: Pose2D,
-        navigator: Navigator,
-        ukf: PlanarUkf,
-        slam: GMapping,
-        frontiers: FrontierExplorer,
-        area: MapWindow,
-        goal_timeout_s: float,
-    ) -> None:
-        """A robot at rest at ``start``, map frame, that knows nothing yet.
+    slam: GMapping
+    area: MapWindow
 
-        ``ukf`` and ``slam`` begin at ``start``, so that the odometry frame begins as the map frame. The
-        ``navigator`` has an unknown map that covers ``area``; frontiers outside it are left alone.
-        """
-        super().__init__(index, name, start, navigator, ukf, lambda robot: None, goal_timeout_s)
-        self.slam = slam
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self.mates: Sequence[Explorer] = ()
         """the explorers that share this one's frame: their goals are left to them, they are no walls"""
         self.is_done = False
         """whether its newest map has no frontier and no gap left for it; it drives out of the way then"""
-        self._odometry_pose = start
-        self._correction = Pose2D(0.0, 0.0, 0.0)
-        """map -> odom: none until a scan says otherwise"""
-        self._frontiers = frontiers
-        self._area = area
-        self._map = area.empty()
+        self._odometry_pose = self.pose
+        self._correction = Pose2D(0.0, 0.0, 0.0)  # map -> odom: none until a scan says otherwise
+        self._frontiers = FrontierExplorer()
+        self._map = self.area.empty()
         self._has_map = self._has_new_map = False
-        self._looks = False
-        """whether it has come to its goal and waits for a scan from there"""
-        self._has_parked = False
-        """whether it has been sent out of the way since its last frontier"""
+        self._looks = False  # whether it has come to its goal and waits for a scan from there
+        self._has_parked = False  # whether it has been sent out of the way since its last frontier
 
     def localize(self, pose: Pose2D, velocity: tuple[float, float]) -> None:
         """Go by the pose filter's newest pose, odometry frame; the map frame's follows by the correction."""
@@ -69,7 +51,7 @@ class Explorer(MobileRobot):
         self._odometry_pose = self.pose
         self._correct()
 
-    def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+    def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into the navigator's costmaps and, without what team mates reflect, into GMapping."""
         if self.slam.process(self._odometry_pose, self._without_mates(ranges_m, lidar), time_s):
             self._correction = self.slam.correction
@@ -79,7 +61,7 @@ class Explorer(MobileRobot):
 
     def take_map(self, grid: OccupancyGrid) -> None:
         """Go by a newer map, the team's or the robot's own: int8, map frame."""
-        self._map = self._area.cut(grid)
+        self._map = self.area.cut(grid)
         self.navigator.set_static(self._map)
         self._has_map = self._has_new_map = True
         self.is_done = False
@@ -97,9 +79,7 @@ class Explorer(MobileRobot):
         looks = np.concatenate([each.slam.trajectory.poses[:, :2] for each in (self, *self.mates)])
         return self._frontiers.offers(self.pose, costmap, self._map, looks)
 
-    def explore(
-        self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[tuple[float, float]]
-    ) -> None:
+    def explore(self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[Point]) -> None:
         """Drive to the first of ``frontiers`` that is left to it, or be done; ``taken`` are mates' goals."""
         self._has_new_map = False
         goal = self._frontiers.choose(frontiers, time_s, taken)
@@ -132,9 +112,7 @@ class Explorer(MobileRobot):
                 self._looks = True
                 self.slam.take_next()
 
-    def _without_mates(
-        self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry
-    ) -> npt.NDArray[np.float64]:
+    def _without_mates(self, ranges_m: Floats, lidar: LidarGeometry) -> Floats:
         """The scan with NaN where it met a mate; one that stands there for long would become a wall."""
         if not self.mates:
             return ranges_m
@@ -162,7 +140,7 @@ def hand_out_frontiers(team: Sequence[Explorer], time_s: float) -> None:
     least = np.minimum.reduce([costmap.data.view(np.uint8) for costmap in costmaps])  # unknown is 255
     costmap = costmaps[0].with_data(least.view(np.int8))
     offers = [explorer.offers(costmap) for explorer in team]
-    taken: list[tuple[float, float]] = []
+    taken: list[Point] = []
     for explorer, own, place in zip(team, offers, assign_frontiers(offers), strict=True):
         preferred = own if place is None else [own[place], *own[:place], *own[place + 1 :]]
         explorer.explore(preferred, time_s, taken)

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import STOP, Command, LidarGeometry, Point, Pose2D, Scan, wrap_angle
+from midnet_bench.geometry import STOP, Command, Floats, LidarGeometry, Point, Pose2D, Scan, wrap_angle
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.navigation.costmap import RollingCostmap
@@ -24,46 +25,33 @@ class GuardState(NamedTuple):
     goal: Point | None
 
 
+@dataclass(eq=False)
 class MobileRobot:
-    """Localises, keeps its costmaps and drives from goal to goal, by its sensors alone."""
+    """Localises, keeps its costmaps and drives from goal to goal, by its sensors alone; at rest at first."""
 
-    def __init__(
-        self,
-        index: int,
-        name: str,
-        start: Pose2D,
-        navigator: Navigator,
-        ukf: PlanarUkf | None,
-        next_goal: GoalSource,
-        goal_timeout_s: float,
-        scan_to_map: ScanToMap | None = None,
-    ) -> None:
-        """A robot at rest at ``start``, body ``index`` of its world.
+    index: int  # of its body in the world
+    name: str
+    pose: Pose2D  # map frame, as it believes
+    navigator: Navigator
+    ukf: PlanarUkf | None  # None: it believes its odometry, which is its true pose (``localization: truth``)
+    next_goal: GoalSource
+    goal_timeout_s: float
+    scan_to_map: ScanToMap | None = None  # by it scans correct the pose filter (``ukf+map``)
 
-        Without a ``ukf`` it believes its odometry, which is its true pose (``localization: truth``); with
-        ``scan_to_map`` its scans correct the pose filter (``ukf+map``).
-        """
-        self.index = index
-        self.name = name
-        self.pose = start
+    def __post_init__(self) -> None:
         self.velocity = (0.0, 0.0)
         self.goal: Point | None = None
         self.progress = Progress()
-        self.navigator = navigator
-        self.next_goal = next_goal
-        self.ukf = ukf
-        self._scan_to_map = scan_to_map
-        self._goal_timeout_s = goal_timeout_s
 
     def localize(self, pose: Pose2D, velocity: tuple[float, float]) -> None:
         """Go by a newer pose, map frame, and forward speed (m/s) and yaw rate (rad/s)."""
         self.pose = pose
         self.velocity = velocity
 
-    def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+    def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
-        if self.ukf is not None and self._scan_to_map is not None:
-            matched = self._scan_to_map.match(self.pose, ranges_m, lidar)
+        if self.ukf is not None and self.scan_to_map is not None:
+            matched = self.scan_to_map.match(self.pose, ranges_m, lidar)
             if matched is not None:
                 self.pose = self.ukf.correct_pose(*matched)
         self.navigator.observe(self.pose, ranges_m, lidar, time_s)
@@ -100,7 +88,7 @@ class MobileRobot:
         status = self.navigator.status
         if status is Status.SUCCEEDED:
             self.progress.goals_reached += 1
-        elif status is Status.ABORTED or self.progress.without_progress_s(time_s) > self._goal_timeout_s:
+        elif status is Status.ABORTED or self.progress.without_progress_s(time_s) > self.goal_timeout_s:
             self.progress.goals_given_up += 1
         else:
             return
@@ -118,13 +106,12 @@ class Guard(MobileRobot):
         """What patrol and pursuit rules receive of it."""
         return GuardState((self.pose.x, self.pose.y), self.goal)
 
-    def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+    def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into pose filter, navigator and detection costmaps."""
         super().observe(ranges_m, lidar, time_s)
         self.scan = Scan(ranges_m, lidar, self.pose, time_s)
-        sensor_pose = self.pose.compose(lidar.mount)
         for costmap in self.detection_costmaps:
-            costmap.update(self.pose, sensor_pose, ranges_m, lidar, time_s)
+            costmap.update(self.pose, ranges_m, lidar, time_s)
 
 
 class Localizer:
@@ -139,15 +126,15 @@ class Localizer:
         self,
         due: Sequence[MobileRobot],
         rows: npt.NDArray[np.int64],
-        poses: npt.NDArray[np.float64],
-        twists: npt.NDArray[np.float64],
-        imus: npt.NDArray[np.float64],
+        poses: Floats,
+        twists: Floats,
+        imus: Floats,
         dt_s: float,
     ) -> None:
         """Let the robots ``due``, of ``rows``, know where they are ``dt_s`` after the last step.
 
-        ``poses``: (n, 3) of odometry, believed as they are by robots without a filter; ``twists``: (n, 2) its
-        forward speeds and yaw rates; ``imus``: (n, 2) or more, yaw and yaw rate first. Metres, radians.
+        ``poses``: (n, 3) of odometry, metres and radians, believed as they are by robots without a filter;
+        ``twists`` and ``imus``: as for ``UkfTeam.step``.
         """
         if self._filters is None:
             for robot, pose, velocity in zip(due, poses[rows].tolist(), twists[rows].tolist(), strict=True):
@@ -192,8 +179,7 @@ class Dwell:
     def __init__(self, radius_m: float) -> None:
         self._radius_m = radius_m
         self._place = (math.nan, math.nan)
-        self.since_s = 0.0
-        """when it came there"""
+        self.since_s = 0.0  # when it came there
 
     def begin(self, x: float, y: float, time_s: float) -> None:
         """Count from here and now."""

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.agents.agent_settings import PATROLS, PatrolSettings
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Point, lengths
+from midnet_bench.geometry import Floats, Point, lengths
 from midnet_bench.grid import OCCUPIED, OccupancyGrid, cell_centers, cells_to_unset, connected_to
 
 DRIVABLE_M = 0.15
@@ -32,7 +32,7 @@ def patrol_points(
     enclosure_m: tuple[float, float],
     clearance_m: float = PatrolSettings().clearance_m,
     reach_m: float = 0.0,
-) -> npt.NDArray[np.float64]:
+) -> Floats:
     """(n, 2) cell centres, metres, map frame, that a patrol may be sent to.
 
     They lie inside the enclosure (its sides in x and y, centred on the map frame's origin), at least
@@ -67,15 +67,14 @@ class PatrolRule(Protocol):
         """
 
 
+@dataclass
 class Patrol:
-    """The paper's rule: random patrol points. It counts how often its conditions had to be relaxed."""
+    """The paper's rule: random patrol points."""
 
-    def __init__(self, points: npt.NDArray[np.float64], z_m: float, rng: np.random.Generator) -> None:
-        """``points`` (n, 2), metres: where a patrol point may lie; ``z_m``: Eq. 12."""
-        self.points = points
-        self.z_m = z_m
-        self.relaxations = 0
-        self._rng = rng
+    points: Floats  # (n, 2), metres: where a patrol point may lie
+    z_m: float  # Eq. 12
+    rng: np.random.Generator
+    relaxations: int = 0  # how often the conditions had to be relaxed
 
     def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
         """A random point at least z from the guard and from each goal of the others, metres, at any time.
@@ -88,7 +87,7 @@ class Patrol:
         keep_away = np.array([team[guard].place, *goals], dtype=np.float64)
         z_m = self.z_m
         while True:
-            draws = self.points[self._rng.integers(len(self.points), size=DRAWS_PER_RELAXATION)]
+            draws = self.points[self.rng.integers(len(self.points), size=DRAWS_PER_RELAXATION)]
             gaps = draws[:, None, :] - keep_away[None, :, :]
             good = np.flatnonzero(lengths(gaps).min(axis=1) >= z_m)
             if len(good):
@@ -103,9 +102,7 @@ class TeamPatrol:
 
     relaxations = 0  # none of the paper's conditions was relaxed
 
-    def __init__(
-        self, name: str, points: npt.NDArray[np.float64], guards: int, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, name: str, points: Floats, guards: int, rng: np.random.Generator) -> None:
         """``name`` is a pinned value of ``PATROLS``. Raises PluginError if it cannot be made."""
         self.points = points
         self._name = name

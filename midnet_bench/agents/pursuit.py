@@ -6,7 +6,6 @@ caught, or whether two tracks are one intruder (items 53, 54).
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,17 +23,8 @@ EMPTY_AFTER_S = 1.0
 WITH_ORACLE = "nearest"  # the rule that the referee's truth decides for
 
 
-@dataclass
-class Target:
-    """What guards may pursue, as far as MIDNet knows."""
-
-    place: Point  # centre of its latest box, map frame, metres
-    seen_s: float
-    pursuers: list[Guard] = field(default_factory=list)
-
-
 class TargetState(NamedTuple):
-    """What a pursuit rule receives of a target."""
+    """What guards may pursue, as far as MIDNet knows; a pursuit rule receives it."""
 
     place: Point  # centre of its latest box, map frame, metres
     seen_s: float  # when that box was
@@ -92,7 +82,7 @@ class Pursuit:
 
     def __init__(self, guards: Sequence[Guard], settings: PursuitSettings, rule: PursuitRule) -> None:
         """No targets yet; ``guards`` are those that may be sent, by ``rule``."""
-        self.targets: dict[int, Target] = {}
+        self.targets: dict[int, TargetState] = {}
         self._guards = guards
         self._settings = settings
         self._rule = rule
@@ -101,7 +91,7 @@ class Pursuit:
     @property
     def pursuers(self) -> list[Guard]:
         """The guards that are after a target now."""
-        return [guard for known in self.targets.values() for guard in known.pursuers]
+        return [self._guards[i] for known in self.targets.values() for i in known.pursuers]
 
     def see(self, places: Sequence[Point], time_s: float) -> list[int]:
         """Take the centres of a frame's fused boxes, map frame, metres; for each, its target's number."""
@@ -112,15 +102,15 @@ class Pursuit:
 
     def detected(self, target: int, place: Point, time_s: float) -> None:
         """A detection at ``place`` was put down to ``target``."""
-        known = self.targets.setdefault(target, Target(place, time_s))
-        known.place, known.seen_s = place, time_s
+        known = self.targets.get(target)
+        self.targets[target] = TargetState(place, time_s, known.pursuers if known else ())
 
     def drop(self, target: int) -> None:
         """Give a target up and call its pursuers off."""
         self._tracker.drop(target)
         lost = self.targets.pop(target, None)
-        for guard in lost.pursuers if lost else ():
-            guard.cancel_goal()
+        for i in lost.pursuers if lost else ():
+            self._guards[i].cancel_goal()
 
     def update(self, time_s: float) -> None:
         """Give up targets that are lost or not where they should be; send guards out as the rule says."""
@@ -128,38 +118,32 @@ class Pursuit:
             self.drop(name)
         if not self.targets:
             return
-        targets = {
-            name: TargetState(known.place, known.seen_s, tuple(map(self._guards.index, known.pursuers)))
-            for name, known in self.targets.items()
-        }
-        self._send(self._rule.pursue([guard.state for guard in self._guards], targets, time_s))
-        for known in self.targets.values():
-            for guard in known.pursuers:
-                if guard.goal is None or math.dist(guard.goal, known.place) >= self._settings.retarget_m:
-                    guard.drive_to(known.place)
+        self._send(self._rule.pursue([guard.state for guard in self._guards], self.targets, time_s))
+        for i, target in _pursuing(self.targets).items():
+            guard, place = self._guards[i], self.targets[target].place
+            if guard.goal is None or math.dist(guard.goal, place) >= self._settings.retarget_m:
+                guard.drive_to(place)
 
     def _send(self, sent: Mapping[int, int]) -> None:
         """Make the guards' targets those of ``sent``, by their places in the team."""
+        before = _pursuing(self.targets)
         for i, guard in enumerate(self._guards):
-            target = self.targets[sent[i]] if i in sent else None
-            before = next((known for known in self.targets.values() if guard in known.pursuers), None)
-            if target is before:
-                continue
-            if before is not None:
-                before.pursuers.remove(guard)
-            if target is None:
+            if i in sent and sent[i] != before.get(i):
+                guard.drive_to(self.targets[sent[i]].place)
+            elif i in before and i not in sent:
                 guard.cancel_goal()
-            else:
-                target.pursuers.append(guard)
-                guard.drive_to(target.place)
+        for name, known in self.targets.items():
+            pursuers = tuple(i for i, target in sent.items() if target == name)
+            self.targets[name] = known._replace(pursuers=pursuers)
 
-    def _is_gone(self, known: Target, time_s: float) -> bool:
+    def _is_gone(self, known: TargetState, time_s: float) -> bool:
         unseen_s = time_s - known.seen_s
         if unseen_s > self._settings.timeout_s:
             return True
         # ground truth reports a lost target itself
         looks = self._settings.rule != "oracle" and unseen_s > EMPTY_AFTER_S
-        return looks and any(math.dist(guard.state.place, known.place) < NEAR_M for guard in known.pursuers)
+        places = (self._guards[i].state.place for i in known.pursuers)
+        return looks and any(math.dist(place, known.place) < NEAR_M for place in places)
 
 
 class Nobody:

@@ -11,12 +11,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.detectors.evidence import wall_distances
 from midnet_bench.elementary import exp, sin
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Scan, lengths, mean_point
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, values_at
-from midnet_bench.midnet.detection import BoxArray, Floats
+from midnet_bench.geometry import Floats, Indices, Scan, lengths, mean_point
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_to_unset, values_at
+from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 
 STRAIGHT = 1e-12
@@ -34,8 +33,7 @@ class Detector(Protocol):
         """For each robot the boxes of what it sees that the map has not.
 
         Args:
-            team: what each robot tells: its pose, its costmap and its last scan. Others' data must stay as
-                they are.
+            team: what each robot tells: its pose, its costmap and its last scan, which must stay as they are.
 
         Returns:
             As many lists of boxes as robots, each (n, 4) or empty: x_min, y_min, x_max, y_max, map frame,
@@ -51,12 +49,12 @@ class _ScanDetector(ABC):
     range_m: float
 
     @cached_property
-    def _walls(self) -> OccupancyGrid:
-        return wall_distances(self.prior_map)
+    def _to_wall_m(self) -> npt.NDArray[np.float32]:
+        return cells_to_unset(self.prior_map.data < OCCUPIED_FROM) * np.float32(self.prior_map.resolution)
 
     def _off_m(self, points: Floats) -> npt.NDArray[np.float32]:
         """(n,) from each of (n, 2) points to the nearest mapped wall, metres; 0 beyond the map."""
-        return values_at(self._walls.data, self._walls, points, 0.0)
+        return values_at(self._to_wall_m, self.prior_map, points, 0.0)
 
     def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
         """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
@@ -200,7 +198,7 @@ class RunningMean(_ScanDetector):
         return cells
 
 
-def cut_around(apart: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:
+def cut_around(apart: npt.NDArray[np.bool_]) -> list[Indices]:
     """Indices of returns in the beams' order, cut before each that is apart from the one before.
 
     The last group goes on in the first, as beams go round.

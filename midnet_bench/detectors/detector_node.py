@@ -8,11 +8,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.detectors.evidence import WallEvidence
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan
-from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.detection import BoxArray, Floats, binary_map
+from midnet_bench.geometry import Box, Floats, LidarGeometry, Pose2D, Scan
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_to_unset, values_at
+from midnet_bench.midnet.detection import BoxArray, binary_map
 from midnet_bench.midnet.midnet_settings import PriorMapSettings
 from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
@@ -50,14 +49,50 @@ class DetectorSettings(Protocol):
         """The fusion, a value of ``FUSIONS``."""
 
 
+class WallEvidence:
+    """The margin about a wall grows where the wall returns about are off, by pose, map or range."""
+
+    MARGIN_M = 0.08  # about a wall whose returns lie on it: a cell and a half of 5 cm
+    PER_MEDIAN = 1.5
+    """added to the margin for each metre by which half of the wall returns about are off their walls"""
+    ABOUT_RAD = math.radians(45.0)  # to either side, the angle of so many beams: the wall returns about
+    SAMPLES = 45  # of them to either side, evenly taken, at most
+    WALL_M = 0.4  # a return farther from any wall is no wall's
+    DEPTH_M = 0.15  # beyond the margin, from which on a return says no more
+    WIDTH_M = 0.03  # from which on the distance to the next beam says no more: far beams are few, not sure
+    STEPS = 1024
+    """shares are rounded down to whole parts of so many, so that any order of adding them gives the same"""
+
+    def __init__(self, prior_map: OccupancyGrid, area_m2: float) -> None:
+        """``area_m2``: from which on a return counts as one: its width times its depth beyond the margin."""
+        self._map, self._area_m2 = prior_map, area_m2
+        self._to_wall_m = cells_to_unset(prior_map.data < OCCUPIED_FROM) * np.float32(prior_map.resolution)
+
+    def shares(self, scan: Scan) -> Floats:
+        """(n,) of 0 to 1, one for each of ``scan.returns(inf)``."""
+        beams, points = scan.returns(math.inf)
+        turn_rad = max(abs(scan.lidar.angle_increment_rad), 1e-9)
+        off_m = values_at(self._to_wall_m, self._map, points, 0.0).astype(np.float64)
+        margin_m = np.zeros(len(beams))
+        walls = np.flatnonzero(off_m < self.WALL_M)
+        if len(walls):
+            half = min(round(self.ABOUT_RAD / turn_rad), (len(walls) - 1) // 2)
+            steps = np.arange(-half, half + 1, max(1, half // self.SAMPLES))
+            about = off_m[walls[(np.arange(len(walls))[:, None] + steps) % len(walls)]]
+            middle = len(steps) // 2
+            margin_m[walls] = self.MARGIN_M + self.PER_MEDIAN * np.partition(about, middle, axis=1)[:, middle]
+        widths_m = np.minimum(scan.ranges_m[beams] * turn_rad, self.WIDTH_M)
+        areas_m2 = widths_m * np.clip(off_m - margin_m, 0.0, self.DEPTH_M)
+        return np.asarray(np.floor(np.minimum(areas_m2 / self._area_m2, 1.0) * self.STEPS) / self.STEPS)
+
+
 class TeamFusion:
     """Algorithm 2, and then the chosen fusion."""
 
     def __init__(self, midnet: MIDNet, fusion: str) -> None:
         """For one trial; ``fusion``: a pinned value of ``FUSIONS``, made when it is first used."""
         self._midnet, self._name = midnet, fusion
-        self.is_the_papers = FUSIONS.is_made_here(fusion)
-        """whether Algorithms 3 and 4 do it, which remember nothing"""
+        self.is_the_papers = FUSIONS.is_made_here(fusion)  # Algorithms 3 and 4, which remember nothing
 
     @cached_property
     def _fusion(self) -> Any:
@@ -69,9 +104,7 @@ class TeamFusion:
         """The team's boxes, and for each the robot with the box that is nearest to it; frames come in order.
 
         ``found`` has (n, 4) boxes of each robot, at least one, map frame, metres, its allies among them.
-
-        Raises:
-            PluginError: the fusion cannot be made, failed, or gave what are no boxes.
+        Raises PluginError: the fusion cannot be made, failed, or gave what are no boxes.
         """
         team = self._midnet.team_of(found, poses, allies)
         if self.is_the_papers:
@@ -172,11 +205,7 @@ class DetectorNode:
         if not all(map(math.isfinite, numbers)) or any(map(math.isnan, limits)):
             raise InputError(f"scan: {pose} at {time_s} s by {lidar}: all of them must be finite numbers")
         self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
-        self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
-
-    def window(self, robot: int) -> Box:
-        """Where a robot's local costmap lies, map frame, metres."""
-        return self.costmaps[robot].extent
+        self.costmaps[robot].update(pose, ranges_m, lidar, time_s)
 
     def detect(
         self,
@@ -189,9 +218,7 @@ class DetectorNode:
 
         ``allies`` are taken out as robots are, by pose and size; they have no costmap. ``explain`` keeps what
         MIDNet's own detector did. Another detector cannot write into what it receives: others receive it too.
-
-        Raises:
-            PluginError: the detector or the fusion cannot be made, failed, or gave what are no boxes.
+        Raises PluginError: the detector or the fusion cannot be made, failed, or gave what are no boxes.
         """
         if self.is_the_papers or not observations:
             return self.midnet.update(observations, explain, allies)

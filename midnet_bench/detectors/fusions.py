@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from midnet_bench.detectors.tracking import Tracker, most_pairs
-from midnet_bench.geometry import lengths, mean_point
+from midnet_bench.geometry import Floats, Indices, lengths, mean_point
 from midnet_bench.midnet.detection import BoxArray
 
 
@@ -31,7 +31,7 @@ class Fusion(Protocol):
         """
 
 
-def ious(some: BoxArray, others: BoxArray) -> npt.NDArray[np.float64]:
+def ious(some: BoxArray, others: BoxArray) -> Floats:
     """(...) Eq. 7 of (..., 4) boxes with others; shapes are broadcast."""
     low = np.maximum(some[..., :2], others[..., :2])
     high = np.minimum(some[..., 2:], others[..., 2:])
@@ -39,7 +39,7 @@ def ious(some: BoxArray, others: BoxArray) -> npt.NDArray[np.float64]:
     return np.asarray(both / (_areas(some) + _areas(others) - both))
 
 
-def _areas(boxes: BoxArray) -> npt.NDArray[np.float64]:
+def _areas(boxes: BoxArray) -> Floats:
     return np.asarray((boxes[..., 2:] - boxes[..., :2]).prod(axis=-1))
 
 
@@ -106,7 +106,7 @@ class ConnectedComponents:
         low, high = boxes[order, :2], boxes[order, 2:]
         return np.hstack((np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)))
 
-    def _pairs(self, boxes: BoxArray) -> npt.NDArray[np.int64]:
+    def _pairs(self, boxes: BoxArray) -> Indices:
         """(n, 2) indices of the boxes that overlap enough, or lie near enough."""
         # two boxes with a common area have centres nearer than the longest side, along each axis
         reach_m = float((boxes[:, 2:] - boxes[:, :2]).max()) + self.gap_m
@@ -179,8 +179,7 @@ class KalmanTracks:
     def __init__(self, hits: int = 3, keep_s: float = 0.5, iou: float = 0.1) -> None:
         self._hits, self._keep_s = hits, keep_s
         self._components, self._tracker = ConnectedComponents(iou), Tracker()
-        self._seen: dict[int, tuple[BoxArray, float, int]] = {}
-        """track -> its last box, when that was, how many it had"""
+        self._seen: dict[int, tuple[BoxArray, float, int]] = {}  # track -> its last box, when, how many
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The boxes of the tracks that are reported."""

@@ -18,13 +18,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.geometry import Box, Point, mean_point
-
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from midnet_bench.geometry import Box, Floats, Indices, Point, mean_point
 
 BOX_SIGMA_M = 0.1
 """Standard deviation of a box's centre along an axis; five guards' boxes are 0.098 m off in the mean (seeds
@@ -86,11 +82,9 @@ class Tracker:
         self._next = 0
 
     def update(self, places: Sequence[Point], time_s: float) -> list[int]:
-        """For each box its track.
+        """For each fused box of one frame, by its centre, map frame, metres, its track.
 
-        Args:
-            places: centres of the fused boxes of one frame, map frame, metres.
-            time_s: of the frame; never less than at the last call.
+        ``time_s``: never less than at the last call.
         """
         for track in self._tracks.values():
             track.predict(time_s)

@@ -5,14 +5,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin, directions, hypot
-from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
+from midnet_bench.geometry import Floats, LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid, cells_to_unset
-
-FloatArray = npt.NDArray[np.float64]
 
 MIN_BEAMS = 30  # A fit to fewer beams that end on walls is not believed.
 MIN_SHARE, MIN_SHARE_RECORDED = 0.5, 0.3
@@ -34,8 +31,8 @@ map is bumpy some beams always do, and would hold the robot to the same bumps.""
 class NormalEquations(NamedTuple):
     """The weighted normal equations of the squared distances at a pose (x, y, yaw), 0 where unseen."""
 
-    hessian: FloatArray
-    gradient: FloatArray
+    hessian: Floats
+    gradient: Floats
     beams: int  # that end within the gate
     variance_m2: float  # weighted mean of their squared distances
 
@@ -67,9 +64,7 @@ class ScanToMap:
         self._cell_m = prior_map.resolution
         self._first_center = prior_map.center_of(-margin, -margin)
 
-    def match(
-        self, pose: Pose2D, ranges_m: FloatArray, geometry: LidarGeometry
-    ) -> tuple[Pose2D, FloatArray] | None:
+    def match(self, pose: Pose2D, ranges_m: Floats, geometry: LidarGeometry) -> tuple[Pose2D, Floats] | None:
         """The robot's pose by its scan, and the (3, 3) covariance of x, y, yaw; None if too little fits.
 
         ``pose``: the believed one, map frame, off by at most about 0.2 m and 6 degrees; ``ranges_m``:
@@ -93,9 +88,7 @@ class ScanToMap:
 
 
 @njit
-def fit(
-    distances_m: FloatArray, cell_m: float, ends: FloatArray, start: FloatArray
-) -> tuple[FloatArray, NormalEquations]:
+def fit(distances_m: Floats, cell_m: float, ends: Floats, start: Floats) -> tuple[Floats, NormalEquations]:
     """(pose, terms) where a scan lies best on the wall faces, found from ``start``.
 
     ``distances_m``: (rows, columns) of cell centres to the nearest face, negative behind it, NaN unknown;
@@ -115,9 +108,7 @@ def fit(
 
 
 @njit
-def _terms(
-    distances_m: FloatArray, cell_m: float, ends: FloatArray, pose: FloatArray, scale_m: float
-) -> NormalEquations:
+def _terms(distances_m: Floats, cell_m: float, ends: Floats, pose: Floats, scale_m: float) -> NormalEquations:
     rows, columns = distances_m.shape
     hessian, gradient, slope = np.zeros((3, 3)), np.zeros(3), np.empty(3)
     beams, weights, squares = 0, 0.0, 0.0
@@ -156,7 +147,7 @@ def _terms(
 
 
 @njit
-def _leave_out_unseen(hessian: FloatArray, gradient: FloatArray, least: float) -> None:
+def _leave_out_unseen(hessian: Floats, gradient: Floats, least: float) -> None:
     """Zero both along directions in the plane whose information is no more than ``least``.
 
     Left small, the cross terms would let a sure heading push the pose along a corridor.
@@ -178,7 +169,7 @@ def _leave_out_unseen(hessian: FloatArray, gradient: FloatArray, least: float) -
 
 
 @njit
-def _step(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+def _step(hessian: Floats, gradient: Floats) -> Floats:
     """(3,) the solution of hessian @ step = gradient, 0 along what was left out: Gauss's elimination."""
     left, step = hessian.copy(), gradient.copy()
     for k in range(3):
@@ -196,7 +187,7 @@ def _step(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 @njit
-def _inverse(matrix: FloatArray) -> FloatArray:
+def _inverse(matrix: Floats) -> Floats:
     """(3, 3) the inverse of a symmetric, positive definite matrix; LAPACK's bits depend on the processor."""
     left, found = matrix.copy(), np.eye(3)
     for k in range(3):

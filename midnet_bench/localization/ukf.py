@@ -4,14 +4,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Floats, Indices, Pose2D, wrap_angle
 from midnet_bench.localization.localization_settings import UkfSettings
-
-FloatArray = npt.NDArray[np.float64]
 
 PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02)
 """Variances that x, y, yaw, vx, vy, vyaw gain per second: robot_localization's default diagonal for the six
@@ -62,7 +59,7 @@ class PlanarUkf:
         x, y, yaw = self.state[:3].tolist()
         return Pose2D(x, y, wrap_angle(yaw))
 
-    def correct_pose(self, pose: Pose2D, covariance: FloatArray) -> Pose2D:
+    def correct_pose(self, pose: Pose2D, covariance: Floats) -> Pose2D:
         """The pose after a correction with a measured one, such as a scan matched to the map.
 
         ``covariance``: (3, 3) of x, y, yaw in metres and radians, squared; positive definite.
@@ -80,8 +77,8 @@ class UkfTeam:
 
     def __init__(self, filters: Sequence[PlanarUkf]) -> None:
         """Makes each filter's state and covariance a view of its row here."""
-        self.states: FloatArray = np.array([each.state for each in filters])  # (n, 6)
-        self.covariances: FloatArray = np.array([each.covariance for each in filters])  # (n, 6, 6)
+        self.states: Floats = np.array([each.state for each in filters])  # (n, 6)
+        self.covariances: Floats = np.array([each.covariance for each in filters])  # (n, 6, 6)
         for row, each in enumerate(filters):
             each.state, each.covariance = self.states[row], self.covariances[row]
         settings = filters[0].settings
@@ -90,7 +87,7 @@ class UkfTeam:
         variances = [settings.imu_yaw_variance, vx, vy, wheel_rate, settings.imu_yaw_rate_variance]
         self._variances = np.maximum(variances, MIN_VARIANCE)
 
-    def step(self, rows: npt.NDArray[np.int64], twists: FloatArray, imus: FloatArray, dt_s: float) -> None:
+    def step(self, rows: Indices, twists: Floats, imus: Floats, dt_s: float) -> None:
         """Let ``dt_s`` > 0 seconds pass for the filters of ``rows``, given the newest sensor readings.
 
         ``twists``: (n, 2) forward speed (m/s) and yaw rate (rad/s) of odometry; ``imus``: (n, 2) or more, yaw
@@ -102,14 +99,14 @@ class UkfTeam:
 
 @njit
 def step_filters(
-    rows: npt.NDArray[np.int64],
-    states: FloatArray,
-    covariances: FloatArray,
-    twists: FloatArray,
-    imus: FloatArray,
+    rows: Indices,
+    states: Floats,
+    covariances: Floats,
+    twists: Floats,
+    imus: Floats,
     dt_s: float,
     lasts_s: float,
-    variances: FloatArray,
+    variances: Floats,
 ) -> None:
     """Predict and correct the filters of ``rows`` in place.
 
@@ -133,9 +130,7 @@ def step_filters(
 
 
 @njit
-def predicted(
-    state: FloatArray, covariance: FloatArray, dt_s: float, lasts_s: float
-) -> tuple[FloatArray, FloatArray]:
+def predicted(state: Floats, covariance: Floats, dt_s: float, lasts_s: float) -> tuple[Floats, Floats]:
     """(6,) state and (6, 6) covariance ``dt_s`` later: the unscented transform of constant body velocity.
 
     Raises LinAlgError where the covariance is not positive definite.
@@ -168,7 +163,7 @@ def predicted(
 
 
 @njit
-def step_noise(yaw_rad: float, dt_s: float, lasts_s: float) -> FloatArray:
+def step_noise(yaw_rad: float, dt_s: float, lasts_s: float) -> Floats:
     """(6, 6): what a step of ``dt_s`` adds to the covariance.
 
     A change of velocity moves the robot, along its heading, for the ``lasts_s`` of the step that it acts in.
@@ -193,8 +188,8 @@ def step_noise(yaw_rad: float, dt_s: float, lasts_s: float) -> FloatArray:
 
 @njit
 def corrected(
-    state: FloatArray, covariance: FloatArray, measured: FloatArray, noise: FloatArray, first: int
-) -> tuple[FloatArray, FloatArray]:
+    state: Floats, covariance: Floats, measured: Floats, noise: Floats, first: int
+) -> tuple[Floats, Floats]:
     """(6,) state and (6, 6) covariance, symmetric, after measuring the states from number ``first`` on.
 
     ``measured``: (m,), ``noise``: (m, m). What is measured is a part of the state, so the innovation's
@@ -225,7 +220,7 @@ def corrected(
 
 
 @njit
-def lower_root(matrix: FloatArray) -> FloatArray:
+def lower_root(matrix: Floats) -> Floats:
     """(n, n) lower triangular L with L L' the symmetric ``matrix``: Cholesky's, without LAPACK's long call.
 
     Raises LinAlgError where the matrix is not positive definite.

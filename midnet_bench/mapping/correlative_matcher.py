@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import exp
-from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.grid_slam import Floats, Indices, hill_climb, rotate
+from midnet_bench.geometry import Floats, Indices, Pose2D
+from midnet_bench.mapping.grid_slam import hill_climb, rotate
 
 Field = npt.NDArray[np.uint8]
 
@@ -130,14 +130,13 @@ def _search(field: HitField, points: Floats, guess: Pose2D, window: Window, pull
     count, full = points.shape[0], FULL * points.shape[0]
     half, half_turns = math.ceil(window.half_m / CELL_M), math.ceil(window.half_rad / ANGLE_STEP_RAD)
     turns, blocks = 2 * half_turns + 1, (2 * half) // BLOCK_CELLS + 1
-    turned = np.empty_like(points)
     cells = np.empty((turns, count, 2), dtype=np.int64)
     turn_pulls = np.empty(turns)
     bounds = np.empty((turns, blocks, blocks))  # what the poses of a block, turned in one way, score at most
     for a in range(turns):
         turn = (a - half_turns) * ANGLE_STEP_RAD
         turn_pulls[a] = window.pull_per_rad2 * turn * turn
-        rotate(points, guess.yaw + turn, turned)
+        turned = rotate(points, guess.yaw + turn)
         for b in range(count):
             cells[a, b, 0] = math.floor(guess.x + turned[b, 0]) - half
             cells[a, b, 1] = math.floor(guess.y + turned[b, 1]) - half
@@ -163,39 +162,36 @@ def _search(field: HitField, points: Floats, guess: Pose2D, window: Window, pull
     return Pose2D(guess.x + best_i - half, guess.y + best_j - half, yaw)
 
 
-_Climb = tuple[Field, Floats, Floats, Pose2D, float, float]
-"""fine field, points, room for them turned, the guess in cells, and the pulls per squared cell and radian"""
+_Climb = tuple[Field, Floats, Pose2D, float, float]
+"""fine field, points, the guess in cells, and the pulls per squared cell and radian"""
 
 
 @njit
 def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
     """Mean likeness of the points at a pose, less the pulls; lengths in cells."""
-    fine, points, turned, guess, pull, turn_pull = args
-    rotate(points, pose.yaw, turned)
+    fine, points, guess, pull, turn_pull = args
     dx, dy, turn = pose.x - guess.x, pose.y - guess.y, pose.yaw - guess.yaw
     away = pull * (dx * dx + dy * dy) + turn_pull * turn * turn
-    return _score(fine, turned, pose.x, pose.y) - away
+    return _score(fine, rotate(points, pose.yaw), pose.x, pose.y) - away
 
 
 @njit(nogil=True)
 def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
     """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
-    corner, points, turned = field.corner, points_m / CELL_M, np.empty_like(points_m)
+    corner, points = field.corner, points_m / CELL_M
     start = Pose2D((guess.x - corner[0]) / CELL_M, (guess.y - corner[1]) / CELL_M, guess.yaw)
     pull = window.pull_per_m2 * CELL_M * CELL_M
-    args = (field.fine, points, turned, start, pull, window.pull_per_rad2)
+    args = (field.fine, points, start, pull, window.pull_per_rad2)
     found = _search(field, points, start, window, pull)
     found, _ = hill_climb(_held_score, args, found, _CLIMB_STEP_M / CELL_M, _CLIMB_STEP_RAD, _HALVINGS)
-    rotate(points, found.yaw, turned)
-    score = _score(field.fine, turned, found.x, found.y)
+    score = _score(field.fine, rotate(points, found.yaw), found.x, found.y)
     return Match(Pose2D(corner[0] + found.x * CELL_M, corner[1] + found.y * CELL_M, found.yaw), score)
 
 
 @njit(nogil=True)
 def slid_scores(field: HitField, points_m: Floats, pose: Pose2D, ways_m: Floats) -> Floats:
     """(N,) scores of the points (B, 2), in the sensor's frame, where the pose is moved along (N, 2) ways."""
-    points, turned = points_m / CELL_M, np.empty_like(points_m)
-    rotate(points, pose.yaw, turned)
+    turned = rotate(points_m / CELL_M, pose.yaw)
     scores = np.empty(ways_m.shape[0])
     for k in range(ways_m.shape[0]):
         x = (pose.x + ways_m[k, 0] - field.corner[0]) / CELL_M
@@ -207,12 +203,11 @@ def slid_scores(field: HitField, points_m: Floats, pose: Pose2D, ways_m: Floats)
 @njit(nogil=True)
 def crossed(field: HitField, points_m: Floats, pose: Pose2D) -> float:
     """The share of beams, to points (B, 2) in the sensor's frame, that pass through hits on their way."""
-    points, turned = points_m / CELL_M, np.empty_like(points_m)
-    rotate(points, pose.yaw, turned)
+    turned = rotate(points_m / CELL_M, pose.yaw)
     rows, columns = field.fine.shape
     x0, y0 = (pose.x - field.corner[0]) / CELL_M, (pose.y - field.corner[1]) / CELL_M
     through = 0
-    for b in range(points.shape[0]):
+    for b in range(turned.shape[0]):
         length = math.sqrt(turned[b, 0] * turned[b, 0] + turned[b, 1] * turned[b, 1])
         for step in range(_NEAR_CELLS, math.floor(length) - _NEAR_CELLS):
             c = math.floor(x0 + turned[b, 0] * step / length)
@@ -220,4 +215,4 @@ def crossed(field: HitField, points_m: Floats, pose: Pose2D) -> float:
             if 0 <= c < columns and 0 <= r < rows and field.fine[r, c] >= _WALL:
                 through += 1
                 break
-    return through / max(points.shape[0], 1)
+    return through / max(turned.shape[0], 1)

@@ -10,12 +10,10 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.compiled import njit
-from midnet_bench.geometry import Point, Pose2D, lengths
+from midnet_bench.geometry import Floats, Indices, Point, Pose2D, lengths
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 
 Cells = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 Steps = npt.NDArray[np.int32]
 
 # The parameters of explore_lite (explore_costmap.launch), and those of the repairs made here.
@@ -188,8 +186,7 @@ class FrontierExplorer:
         self, robot: Pose2D, costmap: OccupancyGrid, grid: OccupancyGrid, looks: Floats
     ) -> list[Frontier]:
         """The frontiers that the robot can reach and has not given up, cheapest first, then gaps; or all."""
-        frontiers = find_frontiers(costmap, robot)
-        frontiers += find_gaps(costmap, grid, robot, looks)
+        frontiers = find_frontiers(costmap, robot) + find_gaps(costmap, grid, robot, looks)
         return [frontier for frontier in frontiers if self._is_open(frontier.approaches).any()] or frontiers
 
     def parking_place(self, robot: Pose2D, costmap: OccupancyGrid, radius_m: float) -> Point | None:

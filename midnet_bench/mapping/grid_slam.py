@@ -10,12 +10,10 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit, numba
 from midnet_bench.elementary import cos_sin, directions
-from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
+from midnet_bench.geometry import Floats, Indices, LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
 
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 ArgsT = TypeVar("ArgsT")
 ClimbT = TypeVar("ClimbT", bound=Callable[..., object])
 Score = Callable[[ArgsT, Pose2D, float], float]
@@ -63,12 +61,14 @@ def hill_climb(
 
 
 @njit
-def rotate(points: Floats, yaw: float, rotated: Floats) -> None:
-    """Fill ``rotated`` (B, 2) with the points (B, 2) turned by ``yaw``, radians."""
+def rotate(points: Floats, yaw: float) -> Floats:
+    """(B, 2) points turned by ``yaw``, radians."""
     cos, sin = cos_sin(yaw)
+    rotated = np.empty_like(points)
     for b in range(points.shape[0]):
         rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
         rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
+    return rotated
 
 
 class ScanRays(NamedTuple):
@@ -217,13 +217,9 @@ class GridSlam(ABC):
     ) -> None:
         """No scan yet.
 
-        Args:
-            geometry: of the sensor and its mount.
-            usable_m: returns nearer than this hit.
-            update: a scan is integrated after a drive of so many metres, a turn by so many radians, or after
-                so many seconds; None: time alone is no reason.
-            resolution_m: side of a cell of the map.
-            occupied_threshold: cells hit in more than this share of their visits are occupied.
+        Returns nearer than ``usable_m`` hit; cells of ``resolution_m`` hit in more than the share
+        ``occupied_threshold`` of their visits are occupied. ``update``: a scan is integrated after a drive of
+        so many metres, a turn by so many radians, or after so many seconds; None: time alone is no reason.
         """
         self.geometry = geometry
         self.scores: list[float] = []

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from midnet_bench.geometry import Point
+from midnet_bench.geometry import Floats, Point
 from midnet_bench.grid import (
     OCCUPIED_FROM,
     OccupancyGrid,
@@ -19,7 +19,6 @@ from midnet_bench.grid import (
 )
 
 Cells = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float64]
 
 _SLACK = 1e-6  # Keeps cells exactly one cell apart within one cell, whatever the rounding.
 

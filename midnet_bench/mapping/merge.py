@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from midnet_bench.geometry import Pose2D, mean_point, wrap_angle
+from midnet_bench.geometry import Floats, Pose2D, mean_point, wrap_angle
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cell_centers, cells_to_unset, values_at
-from midnet_bench.mapping.grid_slam import ORIGIN, Floats, hill_climb
+from midnet_bench.mapping.grid_slam import ORIGIN, hill_climb
 
 Image = npt.NDArray[np.float32]
 

@@ -1,4 +1,1 @@
-"""MIDNet, section IV of the paper: costmaps and poses of a team in, boxes around intruders out.
-
-``detection`` has subsections A and B, ``fusion`` has C; ``pipeline`` runs them.
-"""
+"""MIDNet: ``detection`` is IV.A and IV.B of the paper, ``fusion`` IV.C; ``pipeline`` runs section IV."""

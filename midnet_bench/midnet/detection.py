@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Floats, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.midnet_settings import Align, Unknown
 
 BinaryArray = npt.NDArray[np.uint8]
-BoxArray = npt.NDArray[np.float64]  # (n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+Window = tuple[int, int, int, int]
+"""x1, y1, x2, y2: where the local grid lies on the prior map, in its cells; half-open, may reach outside"""
+BoxArray = Floats  # (n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame
 
 OCCUPIED = 0  # black, where something is
 FREE = 255  # white, where nothing is, or nothing is known
@@ -45,10 +45,6 @@ def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "fre
         free &= costs >= 0
     grid = free.view(np.uint8)
     return np.negative(grid, out=grid)  # of bytes: 1 becomes 255
-
-
-Window = tuple[int, int, int, int]
-"""x1, y1, x2, y2: where the local grid lies on the prior map, in its cells; half-open, may reach outside"""
 
 
 class Crop(NamedTuple):

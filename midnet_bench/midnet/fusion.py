@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from midnet_bench.compiled import njit
-from midnet_bench.geometry import Pose2D
-from midnet_bench.midnet.detection import BoxArray, Indices
+from midnet_bench.geometry import Indices, Pose2D
+from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.midnet_settings import AllyRemove, MIDNetSettings
 
 FIRST, BEST, ALL = range(3)
@@ -24,6 +24,7 @@ REMOVE: dict[AllyRemove, int] = {"first": FIRST, "best": BEST, "all": ALL}
 
 # metres make boxes of whole cells differ in the last bits; a tie in cells stays a tie (item 37)
 ROUNDING = 1e-9
+NOTHING: Indices = np.empty((0, 2), np.int64)
 
 
 class TeamBoxes(NamedTuple):
@@ -42,9 +43,6 @@ class Call(NamedTuple):
 
     left: list[int]  # indices of the boxes in its list
     lost: list[list[int]]  # [box, the box that stays in its place]
-
-
-NOTHING: Indices = np.empty((0, 2), np.int64)
 
 
 def ally_squares(poses: Sequence[Pose2D], diameter_m: float) -> BoxArray:

@@ -70,7 +70,7 @@ class MIDNetSettings(Settings):
     deflate_boxes_m: float = inner(0.0, ge=0)
     """taken off each side of a box as soon as it is found; changes every later IoU (item 25)"""
     return_area_m2: float = inner(0.0, ge=0)
-    """from which on a return counts as one for ``min_returns``; 0: each does; ``detectors/evidence.py``"""
+    """from which on a return counts as one for ``min_returns`` (``WallEvidence``); 0: each does"""
     ally_diameter_m: float = option(
         0.225,
         "Side of the square that a guard is taken to fill, di of Algorithm 2: the diameter of the "

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, Pose2D, Scan
+from midnet_bench.geometry import Box, Floats, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import (
     FREE,
@@ -16,7 +16,6 @@ from midnet_bench.midnet.detection import (
     BinaryArray,
     BoxArray,
     Crop,
-    Floats,
     binary_map,
     bounding_boxes,
     common_occupancy,

@@ -2,7 +2,6 @@
 
 import functools
 import math
-from abc import ABC, abstractmethod
 from typing import Any
 
 import cv2
@@ -12,12 +11,11 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, LidarGeometry, Pose2D
+from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 from midnet_bench.navigation.navigation_settings import CostmapSettings, Footprint
 
 Cells = npt.NDArray[np.uint8]
-Floats = npt.NDArray[np.float64]
 
 FREE_SPACE = 0
 INSCRIBED = 253  # the robot's centre here means contact, whatever its heading
@@ -58,7 +56,7 @@ def inflation_costs(settings: CostmapSettings, radius_m: float) -> Cells:
     return costs
 
 
-class Costmap(ABC):
+class Costmap:
     """The obstacles that scans mark, on a lattice that never moves, and their inflation.
 
     The lower-left corner lies ``column``, ``row`` whole cells from ``lattice_origin``, so that two grids of
@@ -67,15 +65,14 @@ class Costmap(ABC):
     precision, where ROS has 32-bit floats.
     """
 
-    def __init__(
-        self, settings: CostmapSettings, width: int, height: int, lattice_origin: tuple[float, float]
-    ) -> None:
+    def __init__(self, settings: CostmapSettings, width: int, height: int, lattice_origin: Point) -> None:
         self.settings = settings
         self.column = self.row = 0
         self._inflation = inflation_costs(settings, settings.inflation_radius_m)
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
         self.marks: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
         """(H, W) uint8: free (0), an obstacle (254) or unseen (255)"""
+        self._costs: Cells | None = None
         self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
         cleared = settings.footprint if settings.footprint_clearing else ()
@@ -84,12 +81,14 @@ class Costmap(ABC):
         self._lattice = (float(lattice_origin[0]), float(lattice_origin[1]), float(settings.resolution))
 
     @property
-    @abstractmethod
     def costs(self) -> Cells:
-        """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
+        """(H, W) uint8 costs, row 0 lowest y; computed on first use after a change. Not to be written to."""
+        if self._costs is None:
+            self._costs = np.asarray(inflate(self._obstacles(), self._inflation))
+        return self._costs
 
     @property
-    def origin(self) -> tuple[float, float]:
+    def origin(self) -> Point:
         """(x, y) of the lower-left corner, metres."""
         x, y, resolution = self._lattice
         return x + self.column * resolution, y + self.row * resolution
@@ -105,18 +104,14 @@ class Costmap(ABC):
         left, bottom, resolution = self._lattice
         return (x - left) / resolution - self.column, (y - bottom) / resolution - self.row
 
-    def update(
-        self, pose: Pose2D, sensor_pose: Pose2D, ranges_m: Floats, geometry: LidarGeometry, time_s: float
-    ) -> None:
+    def update(self, pose: Pose2D, ranges_m: Floats, geometry: LidarGeometry, time_s: float) -> None:
         """Take one scan: clear along all beams, then mark all hits, then free the footprint.
 
-        ``pose`` and ``sensor_pose``: the robot's base and its LiDAR at the scan's instant, in the costmap's
-        frame. ``ranges_m``: (B,), inf or NaN where nothing came back.
-
-        Raises:
-            ValueError: a pose is not finite, or the ranges are not one for each beam.
+        ``pose``: the robot's at the scan's instant, in the costmap's frame. ``ranges_m``: (B,), inf or NaN
+        where nothing came back. Raises ValueError: a pose is not finite, or there is not one range a beam.
         """
         pose.require_finite()
+        sensor_pose = pose.compose(geometry.mount)
         sensor_pose.require_finite()
         if ranges_m.shape != (geometry.beams,):
             raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
@@ -129,20 +124,18 @@ class Costmap(ABC):
             self.marks[(self.marks == LETHAL) & is_old] = FREE_SPACE
         marked = integrate_scan(
             self.marks,
-            self._lattice,
-            (self.column, self.row),
-            sensor_pose[:],  # without names, which numba would look at anew at every call
+            float(settings.resolution),
+            (*self.to_cells(sensor_pose.x, sensor_pose.y), float(sensor_pose.yaw)),
             np.ascontiguousarray(ranges_m, dtype=np.float64),
             geometry.directions,
             (geometry.range_min_m, geometry.range_max_m, settings.obstacle_range_m),
             self._raytrace_cells,
             settings.inf_is_valid,
-            pose[:],
-            self._footprint_cells,
         )
+        clear_footprint(self.marks, self._footprint_cells, (*self.to_cells(pose.x, pose.y), float(pose.yaw)))
         if not self._remembers_for_ever:
             self._marked_at_s.reshape(-1)[marked] = time_s
-        self._invalidate(sensor_pose)
+        self._costs = None
 
     def clear_outside(self, x: float, y: float, side_m: float) -> None:
         """Forget obstacles (never a static map) outside the square of side ``side_m`` around (x, y), metres.
@@ -157,7 +150,7 @@ class Costmap(ABC):
         cleared = np.full_like(self.marks, self._unseen)
         cleared[kept] = self.marks[kept]
         self.marks = cleared
-        self._invalidate()
+        self._costs = None
 
     def published(self) -> OccupancyGrid:
         """The costmap as nav_msgs has it: int8, 0 to 100 and -1."""
@@ -173,12 +166,12 @@ class Costmap(ABC):
             self._marked_at_s = _moved(self._marked_at_s, right, up, width, height, -math.inf)
         self.column, self.row = column, row
 
-    def _follow(self, pose: Pose2D) -> None:  # noqa: B027  (a whole map stays)
+    def _follow(self, pose: Pose2D) -> None:
         """Move the costmap to the robot, if it is a window."""
 
-    @abstractmethod
-    def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
-        """Have the costs computed anew: all of them, or those that a scan from ``sensor_pose`` reaches."""
+    def _obstacles(self) -> Cells:
+        """(H, W) uint8: what is inflated."""
+        return self.marks
 
 
 def _moved(
@@ -202,17 +195,9 @@ class RollingCostmap(Costmap):
     towards zero, which leaves the robot up to about one cell off the middle, depending on where it came from.
     """
 
-    def __init__(self, settings: CostmapSettings, lattice_origin: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(self, settings: CostmapSettings, lattice_origin: Point = (0.0, 0.0)) -> None:
         side = max(1, round(settings.size_m / settings.resolution))
         super().__init__(settings, side, side, lattice_origin)
-        self._costs: Cells | None = None
-
-    @property
-    def costs(self) -> Cells:
-        """(n, n) uint8 costs, row 0 lowest y; computed on first use after an update. Not to be written to."""
-        if self._costs is None:
-            self._costs = np.asarray(inflate(self.marks, self._inflation))
-        return self._costs
 
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)
@@ -225,30 +210,13 @@ class RollingCostmap(Costmap):
             column, row = self.column + int(x - half - self.column), self.row + int(y - half - self.row)
         self._move_to(column, row, n, n)
 
-    def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
-        self._costs = None
-
-
-def _widened(box: tuple[int, int, int, int], margin: int) -> tuple[slice, slice]:
-    """The rows and columns of a rectangle and of ``margin`` cells round it."""
-    x0, y0, x1, y1 = box
-    return slice(max(y0 - margin, 0), max(y1 + margin, 0)), slice(max(x0 - margin, 0), max(x1 + margin, 0))
-
 
 class GlobalCostmap(Costmap):
-    """The costmap of a whole map: a static layer below the obstacles.
-
-    Scans mark at once, but the inflation around them waits until ``costs`` is read, and then only the
-    rectangle that scans have touched since is done again: most scans are never planned over.
-    """
+    """The costmap of a whole map: a static layer below the obstacles."""
 
     def __init__(self, settings: CostmapSettings, static_map: OccupancyGrid) -> None:
         super().__init__(settings, static_map.width, static_map.height, static_map.origin)
-        farthest_m = max(settings.raytrace_range_m, settings.obstacle_range_m)
-        self._scan_cells = 1 + reach_cells(farthest_m, settings.resolution)
         self.set_static(static_map)
-        self._touched: tuple[int, int, int, int] | None = None
-        """the rectangle that scans have touched since the newest inflation"""
 
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Put another static map (int8, -1 to 100) below the obstacles; marks stay where they are.
@@ -264,37 +232,12 @@ class GlobalCostmap(Costmap):
         x, y = self.to_cells(*static_map.origin)
         self._move_to(self.column + round(x), self.row + round(y), static_map.width, static_map.height)
         self.static = static_layer(static_map, self.settings.track_unknown)
-        self.static_costs: Cells = inflate(self.static, self._inflation)
-        """what the costs would be without any obstacle"""
-        self._costs = self.static_costs.copy()
-        self._touched = (0, 0, static_map.width, static_map.height)
+        self.static_costs: Cells = inflate(self.static, self._inflation)  # the costs without any obstacle
+        self._costs = None
 
-    @property
-    def costs(self) -> Cells:
-        """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
-        if self._touched is not None:
-            reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
-            outer, inner = (_widened(self._touched, margin) for margin in (2 * reach, reach))
-            costs = inflate(combined(self.static[outer], self.marks[outer]), self._inflation)
-            old = self._costs[inner]
-            y, x = (within.start - around.start for within, around in zip(inner, outer, strict=True))
-            old[:] = costs[y : y + old.shape[0], x : x + old.shape[1]]
-            self._touched = None
-        return self._costs
-
-    def is_open_between(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
-        """Whether no wall of the static map crosses the straight line between two points of it, metres."""
-        return bool(is_open_line(self.static, *self.to_cells(*start), *self.to_cells(*end)))
-
-    def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
-        height, width = self.static.shape
-        box = (0, 0, width, height)
-        if sensor_pose is not None and self._remembers_for_ever:
-            column, row = map(math.floor, self.to_cells(sensor_pose.x, sensor_pose.y))
-            reach = self._scan_cells
-            box = (column - reach, row - reach, column + reach + 1, row + reach + 1)
-        old = self._touched or box
-        self._touched = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
+    def _obstacles(self) -> Cells:
+        # the higher of both; unknown gives way to known (combination method 1), as 255 + 1 is 0 in a byte
+        return np.asarray(np.maximum(self.static + np.uint8(1), self.marks + np.uint8(1)) - np.uint8(1))
 
 
 def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
@@ -421,32 +364,24 @@ def clear_footprint(cells: Cells, footprint: Floats, pose: tuple[float, float, f
 @njit
 def integrate_scan(
     cells: Cells,
-    lattice: tuple[float, float, float],
-    corner: tuple[int, int],
+    resolution: float,
     sensor: tuple[float, float, float],
     ranges: Floats,
     directions: Floats,
     range_limits: tuple[float, float, float],
     raytrace_cells: int,
     inf_is_valid: bool,
-    base: tuple[float, float, float],
-    footprint: Floats,
-) -> npt.NDArray[np.int64]:
-    """Clear along every beam, then mark every hit, then free the footprint; the flat indices marked.
+) -> Indices:
+    """Clear along every beam, then mark every hit; the flat indices marked.
 
-    ``lattice``: x, y of its origin and the side of a cell, metres; ``corner``: column and row on it of the
-    grid's lower-left corner. ``sensor`` and ``base``: poses of LiDAR and robot. ``ranges``: (B,) metres;
+    ``sensor``: the LiDAR's x, y in cells from the grid's lower-left corner, yaw. ``ranges``: (B,) metres;
     ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. ``range_limits``: least and
     largest range and the obstacle range, metres. A range outside [least, largest) neither clears nor marks,
     except that +inf clears under ``inf_is_valid``. A hit at the obstacle range exactly is not marked.
-    ``footprint``: (N, 2) cells, corners in the base frame; empty to clear none.
     """
     height, width = cells.shape
     flat = cells.reshape(-1)
-    resolution = lattice[2]
-    sensor_x = (sensor[0] - lattice[0]) / resolution - corner[0]
-    sensor_y = (sensor[1] - lattice[1]) / resolution - corner[1]
-    yaw = sensor[2]
+    sensor_x, sensor_y, yaw = sensor
     cos_yaw, sin_yaw = cos_sin(yaw)
     inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
     start_x, start_y = int(sensor_x), int(sensor_y)
@@ -484,70 +419,38 @@ def integrate_scan(
             clear_line(flat, width, start_x, start_y, end_x, end_y, raytrace_cells)
     for i in range(count):
         flat[marked[i]] = LETHAL
-    base_x = (base[0] - lattice[0]) / resolution - corner[0]
-    base_y = (base[1] - lattice[1]) / resolution - corner[1]
-    clear_footprint(cells, footprint, (base_x, base_y, base[2]))
     return marked[:count]
-
-
-@njit
-def combined(static: Cells, obstacles: Cells) -> Cells:
-    """(H, W) uint8: the higher of both; an unknown cell gives way to a known one (combination method 1)."""
-    height, width = static.shape
-    costs = np.empty((height, width), dtype=np.uint8)
-    for row in range(height):
-        below, above, here = static[row], obstacles[row], costs[row]
-        for x in range(width):
-            if below[x] == NO_INFORMATION or (above[x] != NO_INFORMATION and above[x] > below[x]):
-                here[x] = above[x]
-            else:
-                here[x] = below[x]
-    return costs
 
 
 @njit
 def inflate(base: Cells, cost_by_squared_distance: Cells) -> Cells:
     """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
 
-    Exact Euclidean distances in two passes: down the columns first, then along the rows over the columns'
-    results. Unknown cells take a cost of 253 or more only. ``cost_by_squared_distance``, of
-    ``inflation_costs``, has at most 100**2 + 1 entries, and nothing is inflated beyond it.
+    Unknown cells take a cost of 253 or more only. ``cost_by_squared_distance``, of ``inflation_costs``, falls
+    with distance, and nothing is inflated beyond it.
     """
     height, width = base.shape
-    limit = len(cost_by_squared_distance) - 1
-    reach = round(math.sqrt(limit))
-    far = np.int16(reach + 1)
+    reach = round(math.sqrt(len(cost_by_squared_distance) - 1))
+    side = 2 * reach + 1
+    disc = np.zeros((side, side), dtype=np.uint8)
+    for j in range(side):
+        for i in range(side):
+            squared = (j - reach) * (j - reach) + (i - reach) * (i - reach)
+            if squared <= reach * reach:
+                disc[j, i] = cost_by_squared_distance[squared]
+    near = np.zeros((height + 2 * reach, width + 2 * reach), dtype=np.uint8)
     # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
-    gap = np.full((height + 2, width), far, dtype=np.int16)
-    for row in range(height):
-        cells, below, here = base[row], gap[row], gap[row + 1]
+    for y in range(height):
         for x in range(width):
-            here[x] = 0 if cells[x] == LETHAL else min(np.int16(below[x] + 1), far)
-    costs = base.copy()
-    padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
-    squared = np.empty(width, dtype=np.int16)
-    for row in range(height - 1, -1, -1):
-        above, here, nearest = gap[row + 2], gap[row + 1], far
+            if base[y, x] == LETHAL:
+                for j in range(side):
+                    row, costs = near[y + j, x : x + side], disc[j]
+                    for i in range(side):
+                        row[i] = max(row[i], costs[i])
+    inflated = base.copy()
+    for y in range(height):
+        here, costs = inflated[y], near[y + reach, reach : reach + width]
         for x in range(width):
-            here[x] = min(np.int16(above[x] + 1), here[x])
-        for x in range(width):
-            nearest = min(nearest, here[x])
-        if nearest == far:
-            continue
-        for x in range(width):
-            squared[x] = here[x] * here[x]
-        padded[reach : reach + width] = squared
-        for offset in range(1, reach + 1):
-            left = padded[reach - offset : reach - offset + width]
-            right = padded[reach + offset : reach + offset + width]
-            added = np.int16(offset * offset)
-            for x in range(width):
-                squared[x] = min(squared[x], np.int16(min(left[x], right[x]) + added))
-        row_of_costs = costs[row]
-        for x in range(width):
-            if squared[x] <= limit:
-                cost = cost_by_squared_distance[squared[x]]
-                old = row_of_costs[x]
-                if (old == NO_INFORMATION and cost >= INSCRIBED) or (old != NO_INFORMATION and cost > old):
-                    row_of_costs[x] = cost
-    return costs
+            if costs[x] > here[x] or (here[x] == NO_INFORMATION and costs[x] >= INSCRIBED):
+                here[x] = costs[x]
+    return inflated

@@ -7,8 +7,8 @@ import numpy as np
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Command, Pose2D, wrap_angle
-from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
+from midnet_bench.geometry import Command, Floats, Pose2D, wrap_angle
+from midnet_bench.navigation.costmap import Cells, RollingCostmap, corner_array
 from midnet_bench.navigation.local_planner import (
     GOAL,
     GOAL_FRONT,
@@ -20,7 +20,7 @@ from midnet_bench.navigation.local_planner import (
     outline_cost,
     velocity_samples,
 )
-from midnet_bench.navigation.navigation_settings import DwaSettings, Footprint
+from midnet_bench.navigation.navigation_settings import NavigatorSettings
 
 SIM_GRANULARITY_M, ANGULAR_SIM_GRANULARITY_RAD = 0.025, 0.1
 """dwa_local_planner, sim_granularity and angular_sim_granularity"""
@@ -29,6 +29,7 @@ PATH_DISTANCE_BIAS, FORWARD_POINT_DISTANCE_M = 32.0, 0.325
 """turtlebot3, dwa_local_planner_params.yaml, path_distance_bias and forward_point_distance"""
 OSCILLATION_RESET_DIST_M, OSCILLATION_RESET_ANGLE_RAD = 0.05, 0.2
 """turtlebot3, dwa_local_planner_params.yaml, oscillation_reset_dist; dwa_local_planner, its angle"""
+_Range = tuple[float, float, float]
 _ESCAPE_AFTER_S = 2.0
 """after so long without a legal sample the planner looks for a way off instead of along the plan"""
 
@@ -53,12 +54,12 @@ class _Oscillation:
     def note(self, command: Command, pose: Pose2D) -> None:
         """Take the command that was chosen at ``pose``."""
         forwards, backwards, left, right = self.allowed
-        sign = _sign(command.linear_mps)
+        sign = int(np.sign(command.linear_mps))
         if sign != 0 and self._last_speed_sign == -sign:
             forwards, backwards = sign > 0, sign < 0
         self._last_speed_sign = sign or self._last_speed_sign
         if abs(command.linear_mps) <= self._min_vel_trans_mps:
-            sign = _sign(command.angular_radps)
+            sign = int(np.sign(command.angular_radps))
             if sign != 0 and self._last_turn_sign == -sign:
                 left, right = sign > 0, sign < 0
             self._last_turn_sign = sign or self._last_turn_sign
@@ -95,19 +96,12 @@ class DwaPlanner(LocalPlanner):
     rounding to cells leave a robot no legal motion, or two robots stand nose to flank, it stands for ever.
     """
 
-    def __init__(
-        self,
-        settings: DwaSettings,
-        footprint: Footprint,
-        bare_footprint: Footprint,
-        resolution: float,
-        period_s: float,
-    ) -> None:
-        super().__init__(settings.limits, settings.sim_time_s, footprint, resolution)
-        self._period_s = period_s
-        self._bare_footprint_cells = corner_array(bare_footprint) / resolution
+    def __init__(self, settings: NavigatorSettings) -> None:
+        dwa, limits, resolution = settings.dwa, settings.dwa.limits, settings.local_costmap.resolution
+        super().__init__(limits, dwa.sim_time_s, settings.local_costmap)
+        self._period_s = period_s = 1.0 / settings.controller_frequency_hz
+        self._bare_footprint_cells = corner_array(settings.bare_footprint) / resolution
         self._cycles_without_sample = 0
-        limits = settings.limits
         self._oscillation = _Oscillation(limits.min_vel_trans_mps)
         turn = float(limits.max_vel_theta_radps)
         self._ranges = (
@@ -116,18 +110,18 @@ class DwaPlanner(LocalPlanner):
         )
         """of speed and turn: how far one period reaches, lowest, highest"""
         # numba looks at a tuple with names anew at every call, which takes longer than to pass it
-        named = SearchParameters(
+        parameters = SearchParameters(
             min_vel_trans=float(limits.min_vel_trans_mps),
             max_vel_trans=float(limits.max_vel_trans_mps),
             min_vel_theta=float(limits.min_vel_theta_radps),
-            sim_time=float(settings.sim_time_s),
+            sim_time=float(dwa.sim_time_s),
             cells_per_m=1.0 / resolution,
             path=PATH_DISTANCE_BIAS * resolution,
-            goal=settings.goal_distance_bias * resolution,
-            occupied=float(settings.occdist_scale),
+            goal=dwa.goal_distance_bias * resolution,
+            occupied=float(dwa.occdist_scale),
             forward_cells=FORWARD_POINT_DISTANCE_M / resolution,
         )
-        self._parameters = tuple(named)
+        self._parameters = tuple(parameters)
 
     def reset(self) -> None:
         """Allow all signs of velocity again."""
@@ -143,8 +137,7 @@ class DwaPlanner(LocalPlanner):
         grids = self._grids(costmap, plan, pose, ahead_m, clears_footprint=False)
         start = (*costmap.to_cells(pose.x, pose.y), pose.yaw)
         aligned = math.hypot(plan.item(-2) - pose.x, plan.item(-1) - pose.y) > ahead_m
-        window = self._ranges, self._oscillation.allowed, aligned
-        seen = costs, grids, start, velocity[:], *window
+        seen = costs, grids, start, velocity[:], self._ranges, self._oscillation.allowed, aligned
         found, speed, turn = best_velocity(*seen, self._footprint_cells, self._parameters, False)
         self._cycles_without_sample = 0 if found else self._cycles_without_sample + 1
         if self._cycles_without_sample * self._period_s > _ESCAPE_AFTER_S:
@@ -154,13 +147,6 @@ class DwaPlanner(LocalPlanner):
         chosen = Command(speed, turn)
         self._oscillation.note(chosen, pose)
         return chosen
-
-
-def _sign(value: float) -> int:
-    return (value > 0.0) - (value < 0.0)
-
-
-_Range = tuple[float, float, float]
 
 
 @njit
@@ -218,9 +204,8 @@ def search(
     lower-left corner, yaw in radians. ``signs_allowed``: forwards, backwards, left, right.
 
     All samples get the score of their last point first. Obstacle scores are never negative, and at least that
-    of the start, which all samples share. So an arc is followed step by step only when its known part does
-    not exceed the best total yet, the most promising ones first until one is legal: 32 us a call, against
-    300 us for scoring them all, which chooses the same but for ties by rounding.
+    of the start, which all samples share. So arcs are followed step by step, the most promising ones first,
+    only while their known part does not exceed the best total yet: that takes a tenth of scoring them all.
     """
     scores = _end_scores(grids, start, speeds, turns, signs_allowed, aligned, params)
     start_c, start_s = cos_sin(start[2])
@@ -229,19 +214,10 @@ def search(
         return -1, np.inf
     least = params.occupied * at_start
     best, best_total = -1, np.inf
-    in_order = -1
     while True:
-        if best < 0:
-            sample = int(np.argmin(scores))
-            if scores[sample] == np.inf:
-                return -1, np.inf
-        else:
-            in_order += 1
-            while in_order < len(scores) and not scores[in_order] + least <= best_total:
-                in_order += 1
-            if in_order == len(scores):
-                return best, best_total
-            sample = in_order
+        sample = int(np.argmin(scores))
+        if scores[sample] == np.inf or scores[sample] + least > best_total:
+            return best, best_total
         speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
         highest = collision_cost(costs, grids, start, speed, turn, params.forward_cells, footprint, params)
         if highest != ILLEGAL:

@@ -9,14 +9,13 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import hypot
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Floats, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
     INSCRIBED,
     LETHAL,
     NO_INFORMATION,
     Cells,
-    Floats,
     GlobalCostmap,
     inflation_costs,
     reach_cells,
@@ -35,6 +34,7 @@ _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
 _REPLAN_PERIOD_S = 1.0  # Least time between two potentials.
 _CHANGE_RADIUS_M = 0.3  # An obstacle so near to the plan that comes or goes calls for another potential.
+_MARGIN_M = 2.0  # A robot may go so much farther from its goal before the potential has to be made anew.
 _POCKET_M2 = 1.0  # A goal from which the potential reaches less floor than this is closed in.
 
 
@@ -42,10 +42,9 @@ class GlobalPlanner:
     """Plans to one goal over a global costmap.
 
     One potential serves until there is a reason for another: none yet, no way down from where the robot is,
-    or an obstacle that came or went near the plan ahead, away from the walls of the static map (whose noise
-    changes all the time and never matters). So a robot has a plan from where it is at planner rate, as under
-    move_base, at the price of a trace each time and a potential once in several seconds. For that the
-    wave starts at the goal, where navfn's starts at the robot.
+    or an obstacle that came or went near the plan ahead, away from the static map's walls, whose noise never
+    matters. So a robot has a plan from where it is at planner rate, as under move_base, at the price of a
+    trace each time and a potential every few seconds. The wave starts at the goal, navfn's at the robot.
     """
 
     def __init__(self, costmap: GlobalCostmap, goal_tolerance_m: float) -> None:
@@ -72,7 +71,7 @@ class GlobalPlanner:
         """Ask for another potential as soon as the period allows: the plan could not be followed."""
         self._doubted = True
 
-    def plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float, until_m: float) -> Plan | None:
+    def plan(self, goal: Point, pose: Pose2D, time_s: float, until_m: float) -> Plan | None:
         """The way from the robot up to its first point farther than ``until_m``; None when there is none."""
         costmap, then = self._costmap, self._obstacles_then
         path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
@@ -91,7 +90,7 @@ class GlobalPlanner:
         self._doubted = self._potential is not None and self._potential.goal != goal
         return self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
 
-    def is_blocked(self, goal: tuple[float, float], costs: Cells) -> bool:
+    def is_blocked(self, goal: Point, costs: Cells) -> bool:
         """Whether no plan can end in the goal's own cell: off the map, on its border, or in collision."""
         x, y = self._costmap.to_cells(*goal)
         height, width = costs.shape
@@ -99,19 +98,19 @@ class GlobalPlanner:
             return True
         return int(costs[int(y), int(x)]) in (INSCRIBED, LETHAL)
 
-    def is_walled_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+    def is_walled_off(self, goal: Point, pose: Pose2D) -> bool:
         """Whether the static map alone, without any obstacle layer, has no way from the robot to the goal."""
         potential = potential_to(goal, self._grid(self._costmap.static_costs), near=(pose.x, pose.y))
         return potential is None or potential.path_from(pose.x, pose.y) is None
 
     def whole_plan(self, pose: Pose2D) -> Plan | None:
-        """The way from the robot to the goal by the newest potential; for drawing."""
+        """The way from the robot to the goal by the newest potential."""
         return self._potential.path_from(pose.x, pose.y) if self._potential else None
 
     def _grid(self, costs: Cells) -> OccupancyGrid:
         return OccupancyGrid(costs, self._costmap.settings.resolution, self._costmap.origin)
 
-    def _has_no_room_at(self, goal: tuple[float, float]) -> bool:
+    def _has_no_room_at(self, goal: Point) -> bool:
         """Whether a scanned obstacle lies within the circumscribed radius of the goal, or all round it.
 
         A LiDAR sees an obstacle's skin only, so what stands on a goal may leave free cells inside.
@@ -134,17 +133,16 @@ class Potential:
 
     values: Potentials  # (H, W), 1e10 where the wave did not come
     resolution: float
-    origin: tuple[float, float]
-    goal: tuple[float, float]
+    origin: Point
+    goal: Point
     settled_below: float  # potentials below this are final; a robot beyond it needs another wave
 
     def path_from(self, x: float, y: float, until_m: float = math.inf) -> Floats | None:
-        """(N, 2) points from (x, y) to the goal exactly, metres, half a cell apart; None without a way.
+        """(N, 2) points to the goal exactly, or to the first farther than ``until_m``, metres; or None.
 
-        With ``until_m`` the path ends at its first point farther than that from (x, y). Unlike navfn's, the
-        potential belongs to cell centres (no half cell to the lower left), a path that could not be finished
-        is None rather than a stump, its length is bounded by the map's area rather than by 4 widths, and
-        where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
+        Unlike navfn's, the potential belongs to cell centres (no half cell to the lower left), a path that
+        could not be finished is None rather than a stump, its length is bounded by the map's area rather than
+        by 4 widths, and where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
         """
         place = self.origin, self.resolution
         points, found = path_down(self.values, (x, y), self.goal, *place, self.settled_below, until_m)
@@ -152,15 +150,11 @@ class Potential:
 
 
 def potential_to(
-    goal: tuple[float, float],
-    costs: OccupancyGrid,
-    near: tuple[float, float] | None = None,
-    margin_m: float = 2.0,
-    tolerance_m: float = 0.0,
+    goal: Point, costs: OccupancyGrid, near: Point | None = None, tolerance_m: float = 0.0
 ) -> Potential | None:
     """The potential of ``goal`` over a costmap's costs (uint8); None when the goal's cell is blocked.
 
-    With ``near`` (the robot) the wave ends once everything is settled that lies up to ``margin_m`` of free
+    With ``near`` (the robot) the wave ends once everything is settled that lies up to ``_MARGIN_M`` of free
     driving farther than it; without, the whole map is covered. With ``tolerance_m`` a blocked goal gives way
     to the centre of the nearest cell within that distance that is not; the potential's ``goal`` tells.
     """
@@ -179,7 +173,7 @@ def potential_to(
         near_column, near_row = costs.cell_at(*near)
         if costs.contains_cell(near_column, near_row):
             start_cell = near_row * costs.width + near_column
-            margin = margin_m / costs.resolution * NEUTRAL
+            margin = _MARGIN_M / costs.resolution * NEUTRAL
     values, settled_below = propagate(traversal, goal_cell, start_cell, margin)
     return Potential(np.asarray(values), costs.resolution, costs.origin, goal, float(settled_below))
 
@@ -283,9 +277,9 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
 @njit
 def path_down(
     potential: Potentials,
-    start: tuple[float, float],
-    goal: tuple[float, float],
-    origin: tuple[float, float],
+    start: Point,
+    goal: Point,
+    origin: Point,
     resolution: float,
     settled_below: float,
     until_m: float,
@@ -405,13 +399,7 @@ def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
 
 @njit
 def changed_near(
-    now: Cells,
-    then: Cells,
-    static_costs: Cells,
-    path: Plan,
-    origin: tuple[float, float],
-    resolution: float,
-    radius: int,
+    now: Cells, then: Cells, static_costs: Cells, path: Plan, origin: Point, resolution: float, radius: int
 ) -> bool:
     """Whether any cell within a square of ``radius`` cells around a path began or ceased to be lethal.
 

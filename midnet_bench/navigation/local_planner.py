@@ -8,26 +8,24 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
-from midnet_bench.geometry import Command, Pose2D
+from midnet_bench.geometry import Command, Floats, Point, Pose2D
 from midnet_bench.navigation.costmap import (
     INSCRIBED,
     LETHAL,
     NO_INFORMATION,
     Cells,
-    Floats,
     RollingCostmap,
     clear_footprint,
     corner_array,
     line_steps,
     next_cell,
 )
-from midnet_bench.navigation.navigation_settings import Footprint, LocalPlannerLimits
+from midnet_bench.navigation.navigation_settings import CostmapSettings, LocalPlannerLimits
 
 Grids = npt.NDArray[np.int32]
 
-Plan = npt.NDArray[np.float64]
+Plan = Floats
 """(N, 2) points in the costmap's frame, metres, from the robot to where the plan leaves the window or ends"""
-
 
 PATH, GOAL, GOAL_FRONT = 0, 1, 2
 """index of a grid among the three: to the plan, to the local goal, to the goal pushed ahead"""
@@ -38,12 +36,10 @@ ILLEGAL = -1  # cost of an outline on an obstacle, on unknown cells or off the w
 class LocalPlanner(ABC):
     """Turns a plan into velocities, ten times a second."""
 
-    def __init__(
-        self, limits: LocalPlannerLimits, sim_time_s: float, footprint: Footprint, resolution: float
-    ) -> None:
+    def __init__(self, limits: LocalPlannerLimits, sim_time_s: float, costmap: CostmapSettings) -> None:
         self.limits = limits
         self.sim_time_s = sim_time_s
-        self._footprint_cells = corner_array(footprint) / resolution
+        self._footprint_cells = corner_array(costmap.footprint) / costmap.resolution
         self._gridded: tuple[Cells, Plan] | None = None  # costs and plan that the newest grids are of
         self._newest_grids: Grids = np.empty((0, 0, 0), dtype=np.int32)
 
@@ -81,12 +77,7 @@ class LocalPlanner(ABC):
 
 @njit
 def distance_grids(
-    costs: Cells,
-    plan: Floats,
-    origin: tuple[float, float],
-    resolution: float,
-    robot: tuple[float, float],
-    forward_m: float,
+    costs: Cells, plan: Floats, origin: Point, resolution: float, robot: Point, forward_m: float
 ) -> Grids:
     """(3, H + 2, W + 2) int32 steps between 4-neighbours, indexed by PATH, GOAL, GOAL_FRONT.
 
@@ -116,7 +107,7 @@ def distance_grids(
 
 
 @njit
-def _plan_cells(costs: Cells, plan: Floats, end: tuple[float, float]) -> tuple[npt.NDArray[np.int32], int]:
+def _plan_cells(costs: Cells, plan: Floats, end: Point) -> tuple[npt.NDArray[np.int32], int]:
     """Flat indices (in the ringed grid) of the plan's first run of known cells inside the window.
 
     Gaps wider than a cell are filled by evenly spaced points; the plan's last point is replaced by ``end``.

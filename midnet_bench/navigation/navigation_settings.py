@@ -36,9 +36,7 @@ def radii(footprint: Footprint) -> tuple[float, float]:
     return float(lengths(nearest).min()), float(lengths(corners).max())
 
 
-Memory = Literal["persistent", "single_scan", "decay"]
-
-MAX_INFLATION_CELLS = 100  # what the compiled inflation can count in 16 bits
+MAX_INFLATION_CELLS = 100  # farther takes long
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ class CostmapSettings(Settings):
         "Let a beam without a return clear its way; in TurtleBot3's files it does not, and ghosts remain.",
         source="package: costmap_2d, inf_is_valid",
     )
-    memory: Memory = option(
+    memory: Literal["persistent", "single_scan", "decay"] = option(
         "persistent",
         "How long an obstacle stays marked: until a beam passes through it (persistent, as "
         "costmap_2d), until the next scan (single_scan), or for decay_s after the last scan that met "
@@ -158,8 +156,7 @@ _MARGIN_M = 0.04
 LiDAR and not the 18 cm below it: with 0.03 and the footprint of release 0.2.1 bodies touch in 4 of 4 drives
 past a Burger that leaves, with 0.04 in none."""
 
-
-_COMMON = "costmap_common_params_burger.yaml"
+_COMMON, _DWA = "costmap_common_params_burger.yaml", "turtlebot3: dwa_local_planner_params.yaml"
 MIDNET_SOURCES = {
     "size_m": "turtlebot3: local_costmap_params.yaml, width",
     "obstacle_range_m": "paper: V.A, 2.5 metres",
@@ -180,7 +177,6 @@ BURGER_SOURCES = {
     "inf_is_valid": "ours: with the files' false, marks before open space stay for ever and close the way",
 }
 """Sources of the values of ``BURGER_COSTMAP``."""
-
 
 _BURGER_OUTLINE = padded(BURGER.footprint, _MARGIN_M)
 
@@ -211,19 +207,17 @@ class LocalPlannerLimits(Settings):
         "Highest forward speed; a Burger reaches 0.22.",
         gt=0,
         le=1,
-        source="turtlebot3: dwa_local_planner_params.yaml, max_vel_x",
+        source=f"{_DWA}, max_vel_x",
     )
-    min_vel_x_mps: float = fixed(-0.18, "turtlebot3: dwa_local_planner_params.yaml, min_vel_x")
-    max_vel_trans_mps: float = fixed(0.18, "turtlebot3: dwa_local_planner_params.yaml, max_trans_vel")
-    min_vel_trans_mps: float = fixed(0.05, "turtlebot3: dwa_local_planner_params.yaml, min_trans_vel")
-    max_vel_theta_radps: float = fixed(1.8, "turtlebot3: dwa_local_planner_params.yaml, max_rot_vel")
-    min_vel_theta_radps: float = fixed(0.7, "turtlebot3: dwa_local_planner_params.yaml, min_rot_vel")
-    acc_lim_x_mps2: float = fixed(2.0, "turtlebot3: dwa_local_planner_params.yaml, acc_lim_x")
-    acc_lim_theta_radps2: float = fixed(2.0, "turtlebot3: dwa_local_planner_params.yaml, acc_lim_theta")
-    xy_goal_tolerance_m: float = fixed(0.05, "turtlebot3: dwa_local_planner_params.yaml, xy_goal_tolerance")
-    yaw_goal_tolerance_rad: float = fixed(
-        0.15, "turtlebot3: dwa_local_planner_params.yaml, yaw_goal_tolerance"
-    )
+    min_vel_x_mps: float = fixed(-0.18, f"{_DWA}, min_vel_x")
+    max_vel_trans_mps: float = fixed(0.18, f"{_DWA}, max_trans_vel")
+    min_vel_trans_mps: float = fixed(0.05, f"{_DWA}, min_trans_vel")
+    max_vel_theta_radps: float = fixed(1.8, f"{_DWA}, max_rot_vel")
+    min_vel_theta_radps: float = fixed(0.7, f"{_DWA}, min_rot_vel")
+    acc_lim_x_mps2: float = fixed(2.0, f"{_DWA}, acc_lim_x")
+    acc_lim_theta_radps2: float = fixed(2.0, f"{_DWA}, acc_lim_theta")
+    xy_goal_tolerance_m: float = fixed(0.05, f"{_DWA}, xy_goal_tolerance")
+    yaw_goal_tolerance_rad: float = fixed(0.15, f"{_DWA}, yaw_goal_tolerance")
 
     def of_robot(self, robot: RobotModel) -> "LocalPlannerLimits":
         """Up to all that ``robot`` can do; too slow is less than half of it, as in a Waffle's file."""

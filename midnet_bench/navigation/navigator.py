@@ -5,11 +5,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from midnet_bench.geometry import STOP, Command, LidarGeometry, Point, Pose2D, lengths, wrap_angle
+from midnet_bench.geometry import STOP, Command, Floats, LidarGeometry, Point, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostmap
+from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostmap, is_open_line
 from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan
@@ -30,6 +29,8 @@ _WAYS, _SPARE_M = 2.0, 5.0
 """A robot may drive so many times the first plan's length, and so many metres more, for one goal."""
 _STOPPED_MPS, _STOPPED_RADPS = 0.1, 0.1
 """trans_stopped_vel and rot_stopped_vel of the package: below both a robot stands"""
+_RECOVERY_RADPS2, _RECOVERY_RADPS, _RECOVERED_RAD = 3.2, (0.4, 1.0), 0.10
+"""TrajectoryPlannerROS: acceleration, slowest and fastest turn of a rotate_recovery, and its tolerance"""
 
 
 class Status(enum.Enum):
@@ -90,16 +91,8 @@ class Navigator:
         self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
         self._global_planner = GlobalPlanner(self.global_costmap, settings.goal_tolerance_m)
         self._period_s = 1.0 / settings.controller_frequency_hz
-        self.local_planner: LocalPlanner
-        if settings.controller == "dwa":
-            bare = settings.bare_footprint
-            self.local_planner = DwaPlanner(
-                settings.dwa, local.footprint, bare, local.resolution, self._period_s
-            )
-        else:
-            self.local_planner = TrajectoryRolloutPlanner(
-                settings.rollout_limits, local.footprint, local.resolution
-            )
+        planner = DwaPlanner if settings.controller == "dwa" else TrajectoryRolloutPlanner
+        self.local_planner: LocalPlanner = planner(settings)
         self._window_m = local.size_m / 2.0
         self.status = Status.IDLE
         self.recoveries = 0  # recovery behaviours run so far, over all goals
@@ -134,17 +127,14 @@ class Navigator:
         self.global_costmap.set_static(static_map)
         self._global_planner.invalidate_plan()
 
-    def observe(
-        self, pose: Pose2D, ranges_m: npt.NDArray[np.float64], geometry: LidarGeometry, time_s: float
-    ) -> None:
+    def observe(self, pose: Pose2D, ranges_m: Floats, geometry: LidarGeometry, time_s: float) -> None:
         """Take one scan into both costmaps; errors as for ``RollingCostmap.update``.
 
         ``pose``: the robot in the map's frame at that instant; ``ranges_m``: (beams,) metres.
         """
-        sensor_pose = pose.compose(geometry.mount)
         self._has_scan = self._scan_is_new = True
-        self.local_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
-        self.global_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
+        self.local_costmap.update(pose, ranges_m, geometry, time_s)
+        self.global_costmap.update(pose, ranges_m, geometry, time_s)
 
     def control(self, pose: Pose2D, velocity: Command, time_s: float) -> Command:
         """The velocity to drive until the next call; ``velocity`` is the present one, in the body frame.
@@ -253,7 +243,9 @@ class Navigator:
         if drive.driven_m > _WAYS * drive.first_plan_m + _SPARE_M:
             return True
         to_goal_m = math.hypot(drive.goal[0] - pose.x, drive.goal[1] - pose.y)
-        if to_goal_m < self._window_m and self.global_costmap.is_open_between((pose.x, pose.y), drive.goal):
+        costmap = self.global_costmap
+        ends = (*costmap.to_cells(pose.x, pose.y), *costmap.to_cells(*drive.goal))
+        if to_goal_m < self._window_m and is_open_line(costmap.static, *ends):
             drive.near_s += self._period_s
         return drive.near_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
 
@@ -341,13 +333,8 @@ def _is_standing(velocity: Command) -> bool:
     return abs(velocity.linear_mps) <= _STOPPED_MPS and abs(velocity.angular_radps) <= _STOPPED_RADPS
 
 
-_ACCELERATION_RADPS2 = 3.2
-_SLOWEST_RADPS, _FASTEST_RADPS = 0.4, 1.0
-_TOLERANCE_RAD = 0.10
-
-
 class RotateRecovery:
-    """One full turn to the left on the spot (rotate_recovery, with the limits of TrajectoryPlannerROS).
+    """One full turn to the left on the spot (rotate_recovery).
 
     The turn is measured by adding up heading changes. The original waits to find itself within 0.1 rad of the
     opposite heading and then of the first one, which a robot that turns fast between two looks can miss.
@@ -363,10 +350,10 @@ class RotateRecovery:
         self._turned_rad += wrap_angle(pose.yaw - self._yaw)
         self._yaw = pose.yaw
         left = 2.0 * math.pi - self._turned_rad
-        if left <= _TOLERANCE_RAD or not self._planner.can_turn(costmap, pose, left):
+        if left <= _RECOVERED_RAD or not self._planner.can_turn(costmap, pose, left):
             return None
-        speed = math.sqrt(2.0 * _ACCELERATION_RADPS2 * left)
-        return Command(0.0, min(max(speed, _SLOWEST_RADPS), _FASTEST_RADPS))
+        slowest, fastest = _RECOVERY_RADPS
+        return Command(0.0, min(max(math.sqrt(2.0 * _RECOVERY_RADPS2 * left), slowest), fastest))
 
 
 def compile_kernels() -> None:

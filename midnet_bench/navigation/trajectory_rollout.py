@@ -11,10 +11,10 @@ import numpy as np
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Command, Pose2D, wrap_angle
-from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap
+from midnet_bench.geometry import Command, Floats, Pose2D, wrap_angle
+from midnet_bench.navigation.costmap import Cells, RollingCostmap
 from midnet_bench.navigation.local_planner import GOAL, ILLEGAL, PATH, Grids, LocalPlanner, Plan, outline_cost
-from midnet_bench.navigation.navigation_settings import Footprint, LocalPlannerLimits
+from midnet_bench.navigation.navigation_settings import NavigatorSettings
 
 SIM_TIME_S = 1.5  # as DWA's; with the file's 0.8 s a slow robot looks no farther than its start
 SIM_GRANULARITY_M = 0.025  # base_local_planner, sim_granularity; the file's 0.05 m as sim_time
@@ -35,10 +35,15 @@ HITS, BLOCKED = -1.0, -2.0
 class TrajectoryRolloutPlanner(LocalPlanner):
     """Chooses among velocities that can be reached within ``SIM_TIME_S``, ramping towards each."""
 
-    def __init__(self, limits: LocalPlannerLimits, footprint: Footprint, resolution: float) -> None:
-        super().__init__(limits, SIM_TIME_S, footprint, resolution)
+    def __init__(self, settings: NavigatorSettings) -> None:
+        limits, resolution = settings.rollout_limits, settings.local_costmap.resolution
+        super().__init__(limits, SIM_TIME_S, settings.local_costmap)
         # accelerations and cells of a metre, as for ``roll_out``
-        self._robot = float(limits.acc_lim_x_mps2), float(limits.acc_lim_theta_radps2), 1.0 / resolution
+        self._robot = (
+            float(limits.acc_lim_x_mps2),
+            float(limits.acc_lim_theta_radps2),
+            1.0 / resolution,
+        )
         self.reset()
 
     def reset(self) -> None:

@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.detectors import evidence
+from midnet_bench.detectors.detector_node import WallEvidence
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, cells_to_unset, values_at
 from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
@@ -151,7 +151,7 @@ class Explainer:
         if not grown:
             return "displaced"
         free = int(np.count_nonzero(values_on))
-        if settings.return_area_m2 and middle(about.wall_m) <= evidence.WALL_M:
+        if settings.return_area_m2 and middle(about.wall_m) <= WallEvidence.WALL_M:
             free = 0  # so near to a wall returns count in part
         if midnet.min_returns and free < midnet.min_returns <= len(points):
             return "under_prior"  # which leaves a rim of what was inflated, without its returns
@@ -210,7 +210,8 @@ class Explainer:
             return "single_return", 0.0, ""
         if np.count_nonzero(about.unknown) > 0.5 * len(about.unknown):
             return "unknown_cells", 0.0, ""
-        near_m = evidence.WALL_M if self._settings.return_area_m2 else self._settings.prior_reach_m + WALL_M
+        settings = self._settings
+        near_m = WallEvidence.WALL_M if settings.return_area_m2 else settings.prior_reach_m + WALL_M
         if middle(about.wall_m) <= near_m:
             return ("pose_error" if self._better_pose_corrects(frame, box) else "near_wall"), 0.0, ""
         return "unlabelled", 0.0, ""

@@ -63,7 +63,7 @@ class ReplaySettings(Settings):
         "its depth beyond a margin that grows where returns do not fit the map; 0: each return counts.",
         ge=0,
         le=1,
-        source="ours: a wall beside its place on the map covers little; see detectors/evidence.py",
+        source="ours: a wall beside its place on the map covers little; see detectors/detector_node.py",
     )
     local_size_m: float = option(
         3.5,

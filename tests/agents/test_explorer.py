@@ -11,7 +11,6 @@ from midnet_bench.geometry import STOP, Box, Pose2D
 from midnet_bench.grid import MapWindow
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.mapping_settings import BURGER_UKF
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
@@ -33,10 +32,10 @@ def explorer(start: Pose2D, number: int = 1) -> Explorer:
         start,
         Navigator(AREA.empty(), NavigatorSettings(global_costmap=costmap)),
         PlanarUkf(start, UkfSettings().suited_to("encoder")),
-        GMapping(LIDAR, replace(BURGER_UKF, particles=3), start, stream(1, "gmapping", number)),
-        FrontierExplorer(),
-        AREA,
+        lambda robot: None,
         30.0,
+        slam=GMapping(LIDAR, replace(BURGER_UKF, particles=3), start, stream(1, "gmapping", number)),
+        area=AREA,
     )
 
 

@@ -6,10 +6,11 @@ import pytest
 
 from midnet_bench.agents.agent_settings import PATROLS
 from midnet_bench.agents.graph_patrols import (
+    COARSE_M,
     ConscientiousReactive,
     CoordinatedIdleness,
     CyclicRoute,
-    PatrolGraph,
+    OnGraph,
 )
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.patrol import TeamPatrol
@@ -42,7 +43,7 @@ def travel(rule, guards: int, moves: int) -> list[list[Point]]:
 
 
 def test_nodes_are_apart_and_ways_go_around_the_block() -> None:
-    graph = PatrolGraph(ring(), 1.5)
+    graph = OnGraph(ring(), 1, np.random.default_rng(1))
     gaps = np.hypot(*(graph.nodes[:, None] - graph.nodes[None]).transpose(2, 0, 1))
     assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 1.5
     left, right = graph.nearest((-2.5, 0.0)), graph.nearest((2.5, 0.0))
@@ -51,14 +52,14 @@ def test_nodes_are_apart_and_ways_go_around_the_block() -> None:
     np.testing.assert_allclose(graph.ways_m, graph.ways_m.T)
     # every place is near a node
     far = np.hypot(*(ring()[:, None] - graph.nodes[None]).transpose(2, 0, 1)).min(axis=1)
-    assert far.max() < 1.5 + PatrolGraph.COARSE_M * 2**0.5
+    assert far.max() < 1.5 + COARSE_M * 2**0.5
 
 
 @pytest.mark.parametrize("make", RULES)
 @pytest.mark.parametrize("guards", [1, 3])
 def test_every_node_is_visited_again_and_again(make, guards: int) -> None:
     rule = make(ring(), guards, np.random.default_rng(1))
-    nodes = PatrolGraph(ring(), 1.5).nodes
+    nodes = rule.nodes
     went = [point for own in travel(rule, guards, 4 * len(nodes)) for point in own]
     visits = [went.count(tuple(node)) for node in nodes.tolist()]
     assert min(visits) >= 1
@@ -67,7 +68,7 @@ def test_every_node_is_visited_again_and_again(make, guards: int) -> None:
 
 def test_a_route_takes_each_node_once_a_round_and_guards_are_apart() -> None:
     rule = CyclicRoute(ring(), 2, np.random.default_rng(1))
-    count = len(PatrolGraph(ring(), 1.5).nodes)
+    count = len(rule.nodes)
     first, second = travel(rule, 2, 2 * count)
     assert len(set(first)) == len(set(second)) == count
     assert second[0] == first[round(count / 2)]

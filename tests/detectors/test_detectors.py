@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.detectors.baselines import CircleClusters, MapSubtraction, RunningMean, cut_around
-from midnet_bench.detectors.evidence import WallEvidence
+from midnet_bench.detectors.detector_node import WallEvidence
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid

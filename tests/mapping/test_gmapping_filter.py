@@ -135,7 +135,7 @@ def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_cores_are_those_that_numba_may_use(count: str) -> None:
     # joblib's workers set the variable to 1
-    code = "from midnet_bench.mapping.particle_map import cores; print(cores())"
+    code = "from midnet_bench.mapping.gmapping import cores; print(cores())"
     environment = {**os.environ, "NUMBA_NUM_THREADS": count}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.stdout.strip() == count

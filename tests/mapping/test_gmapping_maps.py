@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from midnet_bench.mapping.gmapping import EMPTY, PATCH_CELLS, ParticleMaps
 from midnet_bench.mapping.grid_slam import VisitMap
-from midnet_bench.mapping.particle_map import EMPTY, PATCH_CELLS, ParticleMaps
 
 CELL_M = 0.05
 Points = npt.NDArray[np.float64]

@@ -8,15 +8,15 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_rays
-from midnet_bench.mapping.mapping_settings import BURGER_UKF, RECORDED_LOG
-from midnet_bench.mapping.particle_map import (
+from midnet_bench.mapping.gmapping import (
     ParticleMaps,
     log_likelihood,
     match_particles,
     match_score,
     matching_in_cells,
 )
+from midnet_bench.mapping.grid_slam import hill_climb, rotate, trace_rays
+from midnet_bench.mapping.mapping_settings import BURGER_UKF, RECORDED_LOG
 from tests.mapping.gmapping_room import ROOM, cast
 
 CELL_M = 0.05
@@ -81,8 +81,7 @@ def test_score_and_likelihood_equal_the_slow_twin(seed: int) -> None:
     beams[:5] += 100.0  # far outside the map
     guess = Pose2D(pose.x + 0.07, pose.y - 0.03, pose.yaw + 0.05)
     x, y, yaw = maps.to_cells(np.array([guess]))[0]
-    rotated = np.empty_like(beams)
-    rotate(beams / CELL_M, yaw, rotated)
+    rotated = rotate(beams / CELL_M, yaw)
     points = placed(guess, beams)
 
     score = match_score(maps.means, maps.tables[0], rotated, x, y, 0.05 / CELL_M**2, 0.0)
@@ -135,11 +134,11 @@ def test_the_climb_finds_back_to_a_known_offset(offset: tuple[float, float, floa
 
 def test_the_climb_never_ends_below_its_start_and_reports_the_score_of_its_end() -> None:
     ends = room_scan(POSE)
-    maps, rotated = mapped(POSE, ends), np.empty_like(ends)
+    maps = mapped(POSE, ends)
 
     def scored(pose: Pose2D) -> float:
         x, y, yaw = maps.to_cells(np.array([pose]))[0]
-        rotate(ends / CELL_M, yaw, rotated)
+        rotated = rotate(ends / CELL_M, yaw)
         return match_score(maps.means, maps.tables[0], rotated, x, y, 0.05 / CELL_M**2, 0.0)
 
     for seed in range(10):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.pose_graph import Edge, PoseGraph
+from midnet_bench.mapping.graph_slam import Edge, PoseGraph
 
 SURE = np.diag([1e4, 1e4, 1e4])
 ROUND = [Pose2D(2.0 * math.cos(a), 2.0 * math.sin(a), a + math.pi / 2) for a in np.arange(12) * math.pi / 6]

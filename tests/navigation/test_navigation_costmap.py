@@ -46,7 +46,7 @@ def look(
     costmap: RollingCostmap | GlobalCostmap, ranges: list[float], pose: Pose2D = START, time_s: float = 0.0
 ) -> None:
     geometry = dataclasses.replace(ONE_BEAM, beams=len(ranges))
-    costmap.update(pose, pose, np.array(ranges), geometry, time_s)
+    costmap.update(pose, np.array(ranges), geometry, time_s)
 
 
 def marked(costmap: RollingCostmap | GlobalCostmap) -> list[tuple[int, int]]:
@@ -207,7 +207,7 @@ def test_clearing_comes_before_marking_and_what_leaves_the_window_is_forgotten()
     geometry = dataclasses.replace(ONE_BEAM, beams=2, angle_increment_rad=0.001)
     costmap = RollingCostmap(dataclasses.replace(BARE, size_m=4.5))
     for ranges in ([1.0, 2.0], [2.0, 1.0]):
-        costmap.update(START, START, np.array(ranges), geometry, 0.0)
+        costmap.update(START, np.array(ranges), geometry, 0.0)
         assert sorted(marked(costmap)) == [(20, 0), (40, 0)]
     look(costmap, [math.inf], pose=Pose2D(-0.475, 0.025, 0.0))
     assert marked(costmap) == [(20, 0)]
@@ -326,9 +326,10 @@ def test_a_pose_that_is_not_finite_is_refused(field: str, wrong: float) -> None:
     """A yaw that was no number ended the process with a segmentation fault."""
     bad = START._replace(**{field: wrong})
     for costmap in costmaps():
-        for pose, sensor in ((bad, START), (START, bad)):
+        for pose, mount in ((bad, START), (START, bad)):
+            lidar = dataclasses.replace(LDS_01, mount=mount)
             with pytest.raises(ValueError, match="finite"):
-                costmap.update(pose, sensor, np.full(LDS_01.beams, 1.0), LDS_01, 0.0)
+                costmap.update(pose, np.full(LDS_01.beams, 1.0), lidar, 0.0)
 
 
 @pytest.mark.parametrize("count", [0, 359, 361, 100_000])
@@ -336,7 +337,7 @@ def test_a_scan_needs_one_range_for_each_beam(count: int) -> None:
     """More of them were read with directions from behind the array's end."""
     for costmap in costmaps():
         with pytest.raises(ValueError, match="360 beams"):
-            costmap.update(START, START, np.full(count, 1.0), LDS_01, 0.0)
+            costmap.update(START, np.full(count, 1.0), LDS_01, 0.0)
 
 
 def test_a_footprint_at_a_pose_that_is_no_number_frees_nothing() -> None:
@@ -368,7 +369,7 @@ def test_bounded_updates_equal_a_costmap_made_in_one_go(track_unknown: bool) -> 
     for step in range(25):
         pose = Pose2D(*rng.uniform((-1.2, 1.8), (5.7, 9.7)), rng.uniform(-3.0, 3.0))
         ranges = rng.uniform(0.1, 3.6, geometry.beams)
-        costmap.update(pose, pose.compose(geometry.mount), ranges, geometry, 0.2 * step)
+        costmap.update(pose, ranges, geometry, 0.2 * step)
         if step % 3 == 0:
             assert np.array_equal(costmap.costs, full_costs(costmap))
     costmap.clear_outside(2.0, 5.0, 3.0)

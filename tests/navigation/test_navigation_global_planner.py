@@ -209,7 +209,7 @@ def test_a_wave_that_ends_near_the_robot_gives_the_same_way() -> None:
     costs = rng.integers(0, 60, size=(150, 150)).astype(np.uint8)
     costs[40:110, 60:63] = 254
     whole = potential_to((20.5, 75.5), grid_of(costs))
-    near = potential_to((20.5, 75.5), grid_of(costs), near=(70.0, 75.0), margin_m=5.0)
+    near = potential_to((20.5, 75.5), grid_of(costs), near=(70.0, 75.0))
     assert (near.values < 1e10).sum() < 0.8 * (whole.values < 1e10).sum()
     for start in ((70.0, 75.0), (68.3, 71.9), (30.2, 80.8)):
         there, here = whole.path_from(*start), near.path_from(*start)

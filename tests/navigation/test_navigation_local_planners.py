@@ -23,13 +23,13 @@ from midnet_bench.navigation.local_planner import (
 )
 from midnet_bench.navigation.navigation_settings import (
     BURGER_COSTMAP,
-    TRAJECTORY_ROLLOUT_LIMITS,
     DwaSettings,
     LocalPlannerLimits,
+    NavigatorSettings,
 )
 from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
-from midnet_bench.robots.burger import BURGER, LDS_01
+from midnet_bench.robots.burger import LDS_01
 from tests.navigation.planar_world import bresenham
 
 Costs = npt.NDArray[np.uint8]
@@ -260,18 +260,17 @@ def room(x: float, y: float, ahead_m: float = 3.0) -> RollingCostmap:
     geometry = LDS_01
     costmap = RollingCostmap(BURGER_COSTMAP)
     pose = Pose2D(x, y, 0.0)
-    sensor = pose.compose(geometry.mount)
     with np.errstate(divide="ignore"):
         sides = 0.6 / np.abs(np.sin(geometry.angles_rad))
         front = (ahead_m + 0.032) / np.maximum(np.cos(geometry.angles_rad), 0.0)
     ranges = np.minimum(sides, front)
-    costmap.update(pose, sensor, np.where(ranges < 3.5, ranges, np.inf), geometry, 0.0)
+    costmap.update(pose, np.where(ranges < 3.5, ranges, np.inf), geometry, 0.0)
     return costmap
 
 
 def dwa(**changed: float) -> DwaPlanner:
     settings = DwaSettings(limits=LocalPlannerLimits(**changed))
-    return DwaPlanner(settings, BURGER_COSTMAP.footprint, BURGER.footprint, 0.05, 0.1)
+    return DwaPlanner(NavigatorSettings(dwa=settings))
 
 
 def straight_plan(x: float, y: float, length_m: float = 1.4) -> npt.NDArray[np.float64]:
@@ -440,7 +439,7 @@ def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) ->
 
 @pytest.mark.slow
 def test_trajectory_rollout_backs_away_from_a_collision_and_then_goes_on() -> None:
-    planner = TrajectoryRolloutPlanner(TRAJECTORY_ROLLOUT_LIMITS, BURGER_COSTMAP.footprint, 0.05)
+    planner = TrajectoryRolloutPlanner(NavigatorSettings())
     costmap = room(1.01, 2.02)
     plan = straight_plan(1.01, 2.02)
     column, row = (int(value) for value in costmap.to_cells(1.08, 2.02))

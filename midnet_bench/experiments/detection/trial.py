@@ -107,7 +107,7 @@ class DetectionTrial(GuardedArena):
             """True where hidden intruders do not count as missed."""
             return self._in_sight(scorer) if scorer.counts_hidden else [True] * len(frame.truths)
 
-        windows = [scorer.node.window(guard) for guard in range(len(self.guards))]
+        windows = [costmap.extent for costmap in scorer.node.costmaps]
         return scorer.causes.count(
             frame.midnet.detections,
             frame.truths,

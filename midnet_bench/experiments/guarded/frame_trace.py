@@ -240,7 +240,7 @@ class FrameTrace:
             returns=partial(self._returns, guard),
             marks=cache(partial(self.marks, guard)),
             shift_m=shift_m,
-            window=moved(self._node.window(guard), shift_m),
+            window=moved(self._node.costmaps[guard].extent, shift_m),
             reach_m=float(lengths(self._disc.astype(np.float64)).max()) * self._settings.resolution,
             a=a,
             d=d,

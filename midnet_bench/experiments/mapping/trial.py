@@ -18,7 +18,7 @@ from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Point, Pose2D
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.mapping.frontier import FrontierExplorer, Gap, wall_gaps
+from midnet_bench.mapping.frontier import Gap, wall_gaps
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.merge import by_features, by_known_starts, confidence, largest, refusals
@@ -196,12 +196,12 @@ class ExplorationTrial(RobotTrial):
             start,
             Navigator(self._area.empty(), parameters.explorer_navigator),
             PlanarUkf(start, parameters.pose_filter),
-            GMapping(
+            lambda robot: None,
+            parameters.goals.timeout_s,
+            slam=GMapping(
                 self.robot.lidar, parameters.slam, start, stream(self.seed, "gmapping", name), self._threads
             ),
-            FrontierExplorer(),
-            self._area,
-            parameters.goals.timeout_s,
+            area=self._area,
         )
 
 
