@@ -160,8 +160,9 @@ def test_without_a_folder_that_can_be_written_a_temporary_one_goes_with_the_proc
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
-@pytest.mark.parametrize("which", ["root", "digest"])
-@pytest.mark.parametrize("mode", [0o777, 0o1777, 0o720])
+@pytest.mark.parametrize(
+    ("which", "mode"), [("root", 0o777), ("root", 0o1777), ("root", 0o720), ("digest", 0o720)]
+)
 def test_machine_code_that_others_could_have_written_is_not_run(
     which: str, mode: int, package: Path, tmp_path: Path
 ) -> None:

@@ -238,7 +238,7 @@ def test_a_run_whose_origin_is_damaged_costs_no_trial(filled: Path) -> None:
         assert len(list(store.trials())) == 12
 
 
-@pytest.mark.parametrize("flips", [70, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("flips", [100, pytest.param(300, marks=pytest.mark.slow)])
 def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(
     filled: Path, flips: int
 ) -> None:
