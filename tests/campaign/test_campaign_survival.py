@@ -99,17 +99,16 @@ def test_a_killed_worker_costs_nothing(tmp_path: Path, undisturbed: dict[str, by
 
 @pytest.mark.slow
 def test_a_worker_that_grows_is_replaced_without_a_word_and_nothing_waits_for_it(tmp_path: Path) -> None:
-    campaign = {"trials": 16, "parameters": {"work_s": 0.4, "trouble": "grow", "trouble_seed": 6}}
+    campaign = {"trials": 10, "parameters": {"work_s": 0.3, "trouble": "grow", "trouble_seed": 6}}
     code, out, err = finish(start(tmp_path, campaign, jobs=2))
 
     assert (code, err) == (0, "")
-    assert "done 16 0 16" in out
+    assert "done 10 0 10" in out
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stops", "failed"), [(1, 0), (2, 1)])
 def test_a_worker_that_is_stopped_costs_a_repetition_and_then_its_trial(
-    stops: int, failed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pools, "STALLED_S", 0.5)
     campaign = {"trials": 4, "trial_timeout_s": 1.0, "parameters": {"work_s": 0.4}}
@@ -117,7 +116,7 @@ def test_a_worker_that_is_stopped_costs_a_repetition_and_then_its_trial(
 
     def stop() -> None:
         deadline_s = time.monotonic() + 30
-        while len(stopped) < stops and time.monotonic() < deadline_s:
+        while len(stopped) < 2 and time.monotonic() < deadline_s:
             time.sleep(0.01)
             for mark in (tmp_path / ".running").glob("*.*"):
                 if mark.name not in stopped and (not stopped or mark.stem == Path(stopped[0]).stem):
@@ -130,10 +129,10 @@ def test_a_worker_that_is_stopped_costs_a_repetition_and_then_its_trial(
     outcome = run_here(tmp_path, campaign)
     thread.join()
 
-    assert len(stopped) == stops
-    assert (outcome.finished, outcome.failed) == (4 - failed, failed)
+    assert len(stopped) == 2  # of one trial: it was repeated after the first
+    assert (outcome.finished, outcome.failed) == (3, 1)
     with open_store(tmp_path / "campaign.sqlite") as store:
-        assert ["its worker died twice" in line for line in store.failures()] == [True] * failed
+        assert ["its worker died twice" in line for line in store.failures()] == [True]
 
 
 def processor_time(pid: int) -> int:
@@ -164,7 +163,7 @@ def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("after_s", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("after_s", [0.1, 0.5])
 def test_an_interrupt_while_workers_start_is_one_line_too(tmp_path: Path, after_s: float) -> None:
     process = start(tmp_path, LONG, jobs=2)
     wait_for(process, "begin")
