@@ -19,11 +19,11 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable
-from functools import cache, partial, wraps
+from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, cast, overload
+from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -41,28 +41,19 @@ after_compiling: list[Callable[[], None]] = []
 """what is called each time that this process has compiled a loop for one signature"""
 
 
-@overload
-def njit(function: F, /) -> F: ...
+def njit(function: F) -> F:
+    """Numba's ``njit``, without Python's lock while it runs.
 
-
-@overload
-def njit(*, nogil: bool) -> Callable[[F], F]: ...
-
-
-def njit(function: F | None = None, /, **options: Any) -> F | Callable[[F], F]:
-    """Numba's ``njit``, which keeps its machine code where it is not found under other sources.
-
-    Where no folder can be written every process compiles for itself; the numbers are the same.
+    Its machine code is kept where it is not found under other sources. Where no folder can be written every
+    process compiles for itself; the numbers are the same.
     """
-    if function is None:
-        return cast(Callable[[F], F], partial(cast(Any, njit), **options))
     library = numba()
     if library.config.DISABLE_JIT:
         return _interpreted(function)
     is_kept = folder() is not None
     before = library.config.CACHE_LOCATOR_CLASSES  # of a user's own loops
     library.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{Locator.__name__}"
-    dispatcher: F = library.njit(cache=is_kept, **options)(function)
+    dispatcher: F = library.njit(cache=is_kept, nogil=True)(function)
     library.config.CACHE_LOCATOR_CLASSES = before
     if is_kept:
         _forgive(dispatcher._cache)  # type: ignore[attr-defined]

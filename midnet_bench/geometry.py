@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+Booleans = npt.NDArray[np.bool_]
 Point = tuple[float, float]  # a place, metres
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -50,8 +51,7 @@ class Pose2D(NamedTuple):
     @property
     def direction(self) -> tuple[float, float]:
         """Cosine and sine of the yaw: the way of this frame's x axis in the parent frame."""
-        cos_sin: tuple[float, float] = _elementary().cos_sin(self.yaw)
-        return cos_sin
+        return _elementary().cos_sin(self.yaw)
 
     def compose(self, local: "Pose2D") -> "Pose2D":
         """``local``, given in this pose's frame, in the parent frame; its yaw is not wrapped."""
@@ -154,8 +154,7 @@ class LidarGeometry:
     @cached_property
     def directions(self) -> Floats:
         """(beams, 2) unit vector along each beam in the sensor frame."""
-        directions: Floats = _elementary().directions(self.angles_rad)
-        return directions
+        return _elementary().directions(self.angles_rad)
 
 
 class Scan(NamedTuple):

@@ -28,6 +28,7 @@ import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.abc import Loader
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -37,12 +38,10 @@ from typing import Any, NamedTuple
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 from midnet_bench.settings import Scalar
 
-EXECUTED = "midnet_bench_reference_"
-"""what the names of modules begin with that are read from a user's file or cell"""
+EXECUTED = "midnet_bench_reference_"  # begins the names of modules that are read from a user's file or cell
 DIGITS = 12  # of the digests, hexadecimal
 FORMS = "expected package.module:NAME or path/file.py:NAME"
-VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
-"""an extension point's value: a place, options and a pin"""
+VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?P<pin>[#@][\w.+-]+)?")
 
 
 class PluginError(MidnetBenchError):
@@ -309,7 +308,7 @@ def take_sources(handed: Mapping[str, Source]) -> None:
 def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
     """The files that pinned values name, which :func:`take_sources` takes in another process."""
     texts = [VALUE.fullmatch(one) for value in values if isinstance(value, str) for one in several(value)]
-    digests = {found["pin"] for found in texts if found and found["mark"] == "#"} & _KNOWN.keys()
+    digests = {(found["pin"] or "")[1:] for found in texts if found} & _KNOWN.keys()
     return {digest: _KNOWN[digest] for digest in sorted(digests)}
 
 
@@ -331,25 +330,17 @@ def _imported_object(module: str, name: str, place: str, reference: str) -> Any:
     return getattr(found, name)
 
 
-class _Importer:
+class _Importer(Loader):
     """Python's finder and loader of what was read: ``EXECUTED`` and the digest, ``.`` and what it brings.
 
     It runs what was read, and not bytecode of a file that had the same time and size.
     """
 
-    @staticmethod
-    def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         source = _source_called(name)
-        if source is None:
-            return None
-        return ModuleSpec(name, _Importer, is_package=source.is_package)  # type: ignore[arg-type]
+        return None if source is None else ModuleSpec(name, self, is_package=source.is_package)
 
-    @staticmethod
-    def create_module(spec: ModuleSpec) -> None:
-        """As Python makes them."""
-
-    @staticmethod
-    def exec_module(module: ModuleType) -> None:
+    def exec_module(self, module: ModuleType) -> None:
         """Run the module. What it imports it finds among the modules beside its file first."""
         root = module.__name__.partition(".")[0]
         source, beside = _source_called(module.__name__), _KNOWN[root.removeprefix(EXECUTED)].beside
@@ -375,7 +366,7 @@ def _source_called(module: str) -> Source | None:
     return source if source is None or not inner else source.beside.get(inner)
 
 
-sys.meta_path.insert(0, _Importer)
+sys.meta_path.insert(0, _Importer())
 
 
 class Choice(NamedTuple):
@@ -383,8 +374,7 @@ class Choice(NamedTuple):
 
     place: str  # a name, or a reference as :func:`load_reference` takes
     options: Mapping[str, Scalar]  # of the code itself, by name
-    mark: str = ""
-    pin: str = ""
+    pin: str = ""  # ``#`` and a digest, or ``@`` and a version
 
     @property
     def is_file(self) -> bool:
@@ -397,12 +387,12 @@ class Choice(NamedTuple):
             f"{key}={words[value] if value is None or isinstance(value, bool) else value}"
             for key, value in sorted(self.options.items())
         )
-        return f"{self.place}{f'({options})' if options else ''}{self.mark}{self.pin}"
+        return f"{self.place}{f'({options})' if options else ''}{self.pin}"
 
 
 def _pinned_object(choice: Choice) -> Any:
     """What a pinned choice in a file names. Raises InputError: no such file is known, or no such name."""
-    digest, (file, _, name) = choice.pin, choice.place.rpartition(":")
+    digest, (file, _, name) = choice.pin[1:], choice.place.rpartition(":")
     if digest not in _KNOWN:
         raise InputError(f"{choice}: no file with the digest {digest} is known here; give its path")
     if _KNOWN[digest].pickled:
@@ -455,9 +445,8 @@ class ExtensionPoint:
         choice = self._parsed(value)
         if choice.place in self.own:
             if choice.pin:
-                raise self._refusal(
-                    choice, f"'{choice.place}' comes with midnet-bench; leave out what follows {choice.mark}"
-                )
+                what = f"'{choice.place}' comes with midnet-bench; leave out what follows {choice.pin[0]}"
+                raise self._refusal(choice, what)
             library = self.needs.get(choice.place)
             if library and importlib.util.find_spec(library) is None:
                 extra = f"midnet-bench[{choice.place}]"
@@ -474,7 +463,7 @@ class ExtensionPoint:
         except InputError as error:
             raise InputError(f"{self.option}: {error}") from error
         if choice.pin and choice != pinned:
-            raise self._refusal(value, f"what is here is {pinned}; leave out what follows {choice.mark}")
+            raise self._refusal(value, f"what is here is {pinned}; leave out what follows {choice.pin[0]}")
         self._class(pinned)
         return str(pinned)
 
@@ -535,7 +524,7 @@ class ExtensionPoint:
             options[key] = _scalar(text)
             if options[key] != options[key]:
                 raise self._refusal(value[:80], f"{key}: a number is needed (got nan)")
-        return Choice(found["place"].strip(), options, found["mark"] or "", found["pin"] or "")
+        return Choice(found["place"].strip(), options, found["pin"] or "")
 
     def _with_pin(self, choice: Choice) -> Choice:
         """``choice`` with the pin that it has here; a file by its name alone."""
@@ -545,13 +534,13 @@ class ExtensionPoint:
             file, _, name = choice.place.rpartition(":")
             source = _source(Path(file), choice.place)
             _KNOWN[source.digest] = source
-            return choice._replace(place=f"{source.name}:{name}", mark="#", pin=source.digest)
+            return choice._replace(place=f"{source.name}:{name}", pin=f"#{source.digest}")
         reference = self._reference(choice)
         if digest := read_module(reference):
-            return choice._replace(mark="#", pin=digest)
+            return choice._replace(pin=f"#{digest}")
         for distribution in distributions_of(reference.partition(":")[0]):
-            return choice._replace(mark="@", pin=importlib.metadata.version(distribution))
-        return choice._replace(mark="", pin="")
+            return choice._replace(pin=f"@{importlib.metadata.version(distribution)}")
+        return choice._replace(pin="")
 
     def _reference(self, choice: Choice) -> str:
         """Of what is in no file."""
@@ -573,15 +562,15 @@ class ExtensionPoint:
             found = load_reference(reference)
         except InputError as error:
             raise InputError(f"{self.option}: {error}") from error
-        if choice.mark == "#" and (loaded := _loaded(reference)) != choice.pin:
-            raise self._refusal(choice, f"the code that is loaded here is #{loaded}; start a new process")
+        if choice.pin.startswith("#") and (loaded := f"#{_loaded(reference)}") != choice.pin:
+            raise self._refusal(choice, f"the code that is loaded here is {loaded}; start a new process")
         return found
 
     def _class(self, choice: Choice) -> Any:
         """The class that a choice names, which takes the options that it gives. Raises InputError."""
         found = self._found(choice)
         # of a user's own; of any package's a name that is mistyped would be taken
-        if choice.mark == "#" and inspect.isfunction(found) and not hasattr(found, self.method):
+        if choice.pin.startswith("#") and inspect.isfunction(found) and not hasattr(found, self.method):
             members = {"__init__": lambda self, *arguments: None, self.method: staticmethod(found)}
             found = type(found.__name__, (), members)
         if not callable(found) or not callable(getattr(found, self.method, None)):
@@ -635,7 +624,6 @@ DETECTORS = ExtensionPoint(
         "background": "midnet_bench.detectors.baselines:RunningMean",
     },
 )
-"""see ``detectors/baselines.py``"""
 FUSIONS = ExtensionPoint(
     option="fusion",
     entry_points="midnet_bench.fusions",
@@ -650,4 +638,3 @@ FUSIONS = ExtensionPoint(
         "tracks": "midnet_bench.detectors.fusions:KalmanTracks",
     },
 )
-"""see ``detectors/fusions.py``"""

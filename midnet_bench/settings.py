@@ -10,7 +10,6 @@ import functools
 import re
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import Field as Member
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, cast, get_args, get_origin, get_type_hints
 
@@ -97,7 +96,7 @@ def group(
 
 def like(owner: type["Settings"], name: str, default: Scalar, source: str = "") -> Any:
     """The option ``name`` of the class ``owner`` again, with another default and its source."""
-    (found,) = (one for one in _members(owner) if one.name == name)
+    (found,) = (one for one in fields(cast(Any, owner)) if one.name == name)
     return field(default=default, metadata={**found.metadata, "source": _known(source)})
 
 
@@ -143,9 +142,10 @@ class Settings:
         return cls.usual()
 
     @classmethod
+    @functools.cache
     def usual(cls) -> Self:
         """The settings with all defaults, made and checked once."""
-        return cast(Self, _usual(cast(Any, cls)))
+        return cls()
 
     def but(self, **changes: Any) -> Self:
         """The settings with these fields changed, checked; themselves if that changes nothing."""
@@ -153,7 +153,8 @@ class Settings:
 
     def flat_values(self) -> dict[str, Scalar]:
         """The value of each flat key, in the order of the fields."""
-        return {key: leaf.value_in(self) for key, leaf in leaves(type(self)).items()}
+        known = leaves(type(self)).items()
+        return {key: functools.reduce(getattr, leaf.path, cast(Any, self)) for key, leaf in known}
 
 
 @dataclass(frozen=True)
@@ -223,10 +224,6 @@ class Leaf:
             return False
         return True
 
-    def value_in(self, settings: Settings) -> Scalar:
-        """Its value in settings of its tree."""
-        return cast(Scalar, functools.reduce(getattr, self.path, cast(Any, settings)))
-
 
 def leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
     """Flat key -> option, of a settings class and of all that is nested in it, in the order of the fields."""
@@ -270,11 +267,6 @@ def _plain(value: float) -> str:
 
 
 @functools.cache
-def _usual(settings: type[Settings]) -> Settings:
-    return settings()
-
-
-@functools.cache
 def _model(settings: type[Settings]) -> "type[BaseModel]":
     """What checks the options of a class itself, in the types that are declared."""
     from pydantic import ConfigDict, Field, create_model
@@ -282,20 +274,16 @@ def _model(settings: type[Settings]) -> "type[BaseModel]":
     kinds = get_type_hints(settings)
     named: Any = {
         one.name: (kinds[one.name], Field(**one.metadata["limits"]))
-        for one in _members(settings)
+        for one in fields(cast(Any, settings))
         if "limits" in one.metadata
     }
     checks = ConfigDict(strict=True, allow_inf_nan=False)
     return create_model(settings.__name__, __config__=checks, **named)
 
 
-def _members(settings: Any) -> tuple[Member[Any], ...]:
-    return fields(settings)
-
-
 def _walk(defaults: Settings, path: tuple[str, ...], here: Group) -> Iterator[Leaf]:
     kinds = get_type_hints(type(defaults))
-    for one in _members(defaults):
+    for one in fields(cast(Any, defaults)):
         name, said, value = one.name, one.metadata, getattr(defaults, one.name)
         if "source" in said:
             is_open = "limits" in said and (here.only is None or name in here.only)

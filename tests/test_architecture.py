@@ -293,7 +293,7 @@ def test_trials_compute_with_nothing_whose_last_bit_is_a_librarys() -> None:
         "rng.standard_normal(3)",
         "from math import cos",
         "@njit\ndef f(x):\n    return math.hypot(x, 1.0)",
-        "@njit(nogil=True)\ndef f(x):\n    return math.dist(x, x)",
+        "@njit\ndef f(x):\n    return math.dist(x, x)",
     ],
 )
 def test_a_stray_is_found(source: str) -> None:

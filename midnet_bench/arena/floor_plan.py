@@ -14,10 +14,9 @@ from midnet_bench.agents.patrol import DRIVABLE_M
 from midnet_bench.arena.arena import MOST_BLOCKS
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import mean_point
+from midnet_bench.geometry import Booleans, Indices, mean_point
 from midnet_bench.grid import OccupancyGrid, cells_to_unset
 
-Cells = npt.NDArray[np.bool_]
 Rectangle = tuple[int, int, int, int]
 """first row, first column, one past the last row, one past the last column"""
 
@@ -69,7 +68,7 @@ def specks(dark: OccupancyGrid, most_m: float) -> list[Speck]:
 
 def _pieces_up_to(
     dark: OccupancyGrid, most_m: float
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], Indices]:
     """Each cell's piece; each piece's first column and row, width and height; the pieces small enough."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(dark.data.astype(np.uint8), connectivity=8)
     sides_m = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) * dark.resolution
@@ -85,13 +84,13 @@ def cropped(dark: OccupancyGrid) -> OccupancyGrid:
     return centred(np.ascontiguousarray(part), dark.resolution)
 
 
-def centred(cells: Cells, resolution_m: float) -> OccupancyGrid:
+def centred(cells: Booleans, resolution_m: float) -> OccupancyGrid:
     """A grid whose middle is the origin."""
     height, width = cells.shape
     return OccupancyGrid(cells, resolution_m, (-width * resolution_m / 2.0, -height * resolution_m / 2.0))
 
 
-def rectangles(dark: Cells) -> Iterator[Rectangle]:
+def rectangles(dark: Booleans) -> Iterator[Rectangle]:
     """Rectangles that together cover the set cells and no other, none of which could be any larger.
 
     Each begins at the first cell that is not covered yet, row by row, and grows along its row and then
@@ -114,7 +113,7 @@ def rectangles(dark: Cells) -> Iterator[Rectangle]:
         yield low, left, high, right
 
 
-def _grown(dark: Cells, row: int, column: int) -> Rectangle:
+def _grown(dark: Booleans, row: int, column: int) -> Rectangle:
     """The run of set cells along a row that holds a set cell, and as many rows on both sides as are full."""
     right = column + _run(dark[row, column:])
     left = column + 1 - _run(dark[row, column::-1])
@@ -124,7 +123,7 @@ def _grown(dark: Cells, row: int, column: int) -> Rectangle:
     return low, left, high, right
 
 
-def _run(cells: Cells) -> int:
+def _run(cells: Booleans) -> int:
     """How many are set from the first on."""
     return int(np.append(cells, False).argmin())
 

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Solid, lengths
+from midnet_bench.geometry import Floats, Solid, lengths
 from midnet_bench.grid import OccupancyGrid, cell_centers, connected_to
 
 RESOLUTION_M = 0.05
@@ -24,7 +23,7 @@ class FreeSpace:
     grid: OccupancyGrid  # bool (rows, columns) over the plane, map frame: True where a centre may be
 
     @cached_property
-    def _centers(self) -> npt.NDArray[np.float64]:
+    def _centers(self) -> Floats:
         """(n, 2) x, y of the free cells' centres, metres."""
         return cell_centers(self.grid, self.grid.data)
 

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena, OtherIntruders, StationaryIntruders
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D, Solid, gap_m, lengths
+from midnet_bench.geometry import Floats, Pose2D, Solid, gap_m, lengths
 from midnet_bench.rng import stream
 
 TEAM = 5
@@ -111,7 +110,7 @@ def _check_reach(arena: Arena, robots: int, intruders: int, reach_m: float) -> N
             )
 
 
-def _draw_stationary(arena: Arena, seed: int, starts: npt.NDArray[np.float64]) -> tuple[Solid, ...]:
+def _draw_stationary(arena: Arena, seed: int, starts: Floats) -> tuple[Solid, ...]:
     spec = arena.stationary_intruders
     rng = stream(seed, "arena", "stationary")
     standing = arena.wall_solids() + arena.placed_solids()
@@ -140,7 +139,7 @@ def _draw_solid(spec: StationaryIntruders, arena: Arena, rng: np.random.Generato
 
 
 def _draw_mobile(
-    arena: Arena, seed: int, count: int, stationary: tuple[Solid, ...], starts: npt.NDArray[np.float64]
+    arena: Arena, seed: int, count: int, stationary: tuple[Solid, ...], starts: Floats
 ) -> tuple[Pose2D, ...]:
     if count == 0:
         return ()
@@ -163,7 +162,7 @@ def _draw_mobile(
 
 
 def _place_others(
-    arena: Arena, seed: int, stationary: tuple[Solid, ...], starts: npt.NDArray[np.float64]
+    arena: Arena, seed: int, stationary: tuple[Solid, ...], starts: Floats
 ) -> tuple[OtherIntruder, ...]:
     """People and things: those with a start of their own, then those whose place is drawn, group by group.
 
@@ -197,7 +196,7 @@ def _place_others(
     return tuple(others)
 
 
-def _points(poses: Sequence[Pose2D]) -> npt.NDArray[np.float64]:
+def _points(poses: Sequence[Pose2D]) -> Floats:
     """(n, 2) x, y."""
     return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
 

@@ -225,7 +225,7 @@ def _code_of(definition: Definition, directory: Path) -> Iterator[tuple[str, str
         parts = VALUE.fullmatch(text.strip())
         found = _CODE.fullmatch(parts["place"].strip()) if parts else None
         if parts and found and not _is_own(found["place"]):
-            yield text, "" if parts["mark"] == "#" else _digest(found["place"])
+            yield text, "" if (parts["pin"] or "").startswith("#") else _digest(found["place"])
 
 
 def _is_own(place: str) -> bool:

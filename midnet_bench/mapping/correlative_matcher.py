@@ -68,7 +68,7 @@ def hit_field(hits_m: Floats) -> HitField:
     return HitField(fine, coarse, corner)
 
 
-@njit(nogil=True)
+@njit
 def _smear(field: Field, hits: Floats) -> None:
     """Raise the field around the mean hit of each cell; hits in cells from the corner."""
     counts = np.zeros(field.shape, dtype=np.int32)
@@ -175,7 +175,7 @@ def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
     return _score(fine, rotate(points, pose.yaw), pose.x, pose.y) - away
 
 
-@njit(nogil=True)
+@njit
 def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
     """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
     corner, points = field.corner, points_m / CELL_M
@@ -188,7 +188,7 @@ def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> M
     return Match(Pose2D(corner[0] + found.x * CELL_M, corner[1] + found.y * CELL_M, found.yaw), score)
 
 
-@njit(nogil=True)
+@njit
 def slid_scores(field: HitField, points_m: Floats, pose: Pose2D, ways_m: Floats) -> Floats:
     """(N,) scores of the points (B, 2), in the sensor's frame, where the pose is moved along (N, 2) ways."""
     turned = rotate(points_m / CELL_M, pose.yaw)
@@ -200,7 +200,7 @@ def slid_scores(field: HitField, points_m: Floats, pose: Pose2D, ways_m: Floats)
     return scores
 
 
-@njit(nogil=True)
+@njit
 def crossed(field: HitField, points_m: Floats, pose: Pose2D) -> float:
     """The share of beams, to points (B, 2) in the sensor's frame, that pass through hits on their way."""
     turned = rotate(points_m / CELL_M, pose.yaw)

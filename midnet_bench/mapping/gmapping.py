@@ -286,7 +286,7 @@ def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
     return pull * match_score(means, table, rotated, pose.x, pose.y, matching.sigma, enough / pull)
 
 
-@njit(nogil=True)
+@njit
 def match_particles(
     means: Means, tables: Integers, beams: Floats, poses: Floats, matching: Matching
 ) -> tuple[Floats, Floats, Floats]:
@@ -419,7 +419,7 @@ class ParticleMaps:
         self.tables[where] = new
 
 
-@njit(nogil=True)
+@njit
 def mark_patches(tables: Integers, poses: Floats, ends: Floats, hits: int) -> npt.NDArray[np.bool_]:
     """(N, rows, columns) bool: the patches of each particle that a scan may change.
 
@@ -438,7 +438,7 @@ def mark_patches(tables: Integers, poses: Floats, ends: Floats, hits: int) -> np
     return touched
 
 
-@njit(nogil=True)
+@njit
 def register_rays(
     means: Means, counts: Integers, tables: Integers, poses: Floats, ends: Floats, hits: int
 ) -> None:

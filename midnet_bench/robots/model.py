@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Command, LidarGeometry
@@ -143,17 +143,16 @@ class RobotExtensionPoint(ExtensionPoint):
     def _class(self, choice: Choice) -> RobotModel:
         found = self._found(choice)
         if not isinstance(found, RobotModel):
-            raise InputError(f"{self.option}: {choice}: expected {self.wanted}")
+            raise self._refusal(choice, f"expected {self.wanted}")
         numbers = [one.name for one in fields(found) if isinstance(getattr(found, one.name), float)]
         for key, value in choice.options.items():
             if key not in numbers:
-                raise InputError(f"{self.option}: {choice}: no option '{key}'{nearest_name(key, numbers)}")
+                raise self._refusal(choice, f"no option '{key}'{nearest_name(key, numbers)}")
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise InputError(f"{self.option}: {choice}: {key}: a number is needed (got {value!r})")
+                raise self._refusal(choice, f"{key}: a number is needed (got {value!r})")
         if found.urdf is not None and (choice.options or choice.place not in self.own):
             found = replace(found, urdf=None)  # the description has the old numbers, or does not travel
-        numbers_given: dict[str, Any] = dict(choice.options)
-        return replace(found, **numbers_given) if numbers_given else found
+        return replace(found, **cast(Any, choice.options)) if choice.options else found
 
     def make(self, value: str, *arguments: Any) -> RobotModel:
         """The robot that ``value``, a pinned one, names."""
@@ -166,4 +165,3 @@ ROBOTS = RobotExtensionPoint(
     method="rim_speeds",
     own={"burger": "midnet_bench.robots.burger:BURGER", "waffle": "midnet_bench.robots.waffle:WAFFLE"},
 )
-"""in brackets: other numbers of the model"""

@@ -8,17 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from midnet_bench.geometry import Box, Point, lengths
+from midnet_bench.geometry import Booleans, Box, Floats, Indices, Point, lengths
 from midnet_bench.grid import OccupancyGrid, cell_centers, cell_middles, cells_of, values_at
 from midnet_bench.midnet.detection import OCCUPIED
 from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import TruthObject, touches
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Booleans = npt.NDArray[np.bool_]
 Kind = Literal["miss", "false", "fragment"]
 
 WALL, NOTHING = -1, -2  # what a return came from that is no truth: a wall, or nothing that is known
@@ -40,7 +36,7 @@ def source_name(source: int, truths: Sequence[TruthObject]) -> str:
 class Marks(NamedTuple):
     """m returns of one guard, each in four places: which part of its error came from pose and range."""
 
-    source: Ints  # (m,) the index of a truth, :func:`ally`, ``WALL`` or ``NOTHING``
+    source: Indices  # (m,) the index of a truth, :func:`ally`, ``WALL`` or ``NOTHING``
     age_s: Floats  # (m,)
     is_newest: Booleans  # (m,) whether it is of the guard's last scan
     believed: Floats  # (m, 2) where the guard put it, map frame, metres
@@ -48,7 +44,7 @@ class Marks(NamedTuple):
     at_true_range: Floats  # (m, 2) where it had put it without the noise of its range
     true: Floats  # (m, 2) what was met
 
-    def where(self, chosen: Booleans | Ints) -> "Marks":
+    def where(self, chosen: Booleans | Indices) -> "Marks":
         """Those of an (m,) mask, or of these indices."""
         return Marks._make(column[chosen] for column in self)
 
@@ -58,7 +54,7 @@ class SightLines(NamedTuple):
 
     directions: Floats  # (n, 2) unit vectors, map frame
     ranges_m: Floats  # (n,) inf for nothing
-    sources: Ints  # (n,) as of :class:`Marks`
+    sources: Indices  # (n,) as of :class:`Marks`
 
 
 class GuardView(NamedTuple):
@@ -76,7 +72,7 @@ class GuardView(NamedTuple):
     a: OccupancyGrid | None  # A of Eq. 1, cropped, 0 where occupied; None if the detector has no such grid
     d: OccupancyGrid | None  # D of Eq. 6, 255 where an intruder is
     prior: OccupancyGrid | None  # B in full, the prior map's binary grid, 0 where occupied
-    disc: Ints  # (k, 2) columns and rows from a mark's cell to the cells that have the cost that counts
+    disc: Indices  # (k, 2) columns and rows from a mark's cell to the cells that have the cost that counts
     found: Sequence[Box]  # the boxes that it found
     deflated_m: float  # what was taken off each side of them as soon as they were found
     taken: Sequence[int | None]  # for each of them the index of the ally that it was removed for
@@ -315,7 +311,7 @@ def false_box_cause(
     return Cause(name, view.guard, source_name(source, truths), float(own.age_s.min()), offset_m)
 
 
-def _marks_of(box: Box, view: GuardView) -> tuple[Marks, Ints]:
+def _marks_of(box: Box, view: GuardView) -> tuple[Marks, Indices]:
     """The marks that a guard's box can be of, and how many of its cells are nearest to each."""
     box = box.shrunk(-view.deflated_m)
     wide = box.shrunk(-view.reach_m)

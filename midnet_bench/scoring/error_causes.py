@@ -92,18 +92,3 @@ def causes_of(kind: str, *needs: Need) -> dict[str, str]:
 MISS_CAUSES, FALSE_CAUSES = causes_of(MISS, TRUTH), causes_of(FALSE, TRUTH)  # of simulated trials
 RECORDED_MISSES, RECORDED_BOXES = (causes_of(kind, NO_TRUTH, MOTION) for kind in (MISS, FALSE))
 """of recordings; without labels, ``RECORDED_BOXES`` says what each box is made of"""
-
-REMOVED_BY = {
-    "pose": ("pose_error", "misplaced_by_pose", "wall_by_pose"),
-    "crop": ("crop_shift", "misplaced_by_crop", "wall_by_crop"),
-    "noise": ("range_noise", "misplaced_by_noise", "wall_by_noise", "beyond_range"),
-    "map": ("wall_by_map",),
-    "delay": ("delay", "stale"),
-    "window": ("outside_window",),
-    "marks": ("intruder_trail", "ally_trail"),
-    "allies": ("taken_for_ally", "ally_left", "ally_trail"),
-    "occlusion": ("occluded",),
-    "sight": ("occluded_outside_window",),
-    "fusion": ("merged", "dropped_by_fusion", "fragment"),
-}
-"""oracle -> the causes that it takes away"""

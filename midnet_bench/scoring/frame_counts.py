@@ -174,24 +174,9 @@ def total(counts: Iterable[FrameCounts]) -> FrameCounts:
 class Ratios(NamedTuple):
     """The three scores of the paper's table, 0 to 1 or NaN."""
 
-    precision: float
-    recall: float
-    f1: float
-
-
-def precision(tp: float, fp: float) -> float:
-    """Eq. 8, tp / (tp + fp); NaN when there was no box."""
-    return tp / (tp + fp) if tp + fp > 0 else math.nan
-
-
-def recall(tp: float, fn: float) -> float:
-    """Eq. 9, tp / (tp + fn); NaN when there was nothing to find."""
-    return tp / (tp + fn) if tp + fn > 0 else math.nan
-
-
-def f1(precision: float, recall: float) -> float:
-    """Eq. 10, the harmonic mean of the two; NaN when either is, or when both are 0 (item 40)."""
-    return 2.0 * precision * recall / (precision + recall) if precision + recall > 0.0 else math.nan
+    precision: float  # Eq. 8; NaN when there was no box
+    recall: float  # Eq. 9; NaN when there was nothing to find
+    f1: float  # Eq. 10, the harmonic mean of both; NaN when either is, or when both are 0 (item 40)
 
 
 def ratios(tp: float, fp: float, fn: float) -> Ratios:
@@ -199,8 +184,10 @@ def ratios(tp: float, fp: float, fn: float) -> Ratios:
 
     For the one-to-one matching give ``matched``, ``fp + duplicates`` and ``missed``.
     """
-    p, r = precision(tp, fp), recall(tp, fn)
-    return Ratios(p, r, f1(p, r))
+    precision = tp / (tp + fp) if tp + fp > 0 else math.nan
+    recall = tp / (tp + fn) if tp + fn > 0 else math.nan
+    f1 = 2.0 * precision * recall / (precision + recall) if precision + recall > 0.0 else math.nan
+    return Ratios(precision, recall, f1)
 
 
 class Causes(NamedTuple):

@@ -6,11 +6,8 @@ from collections.abc import Mapping
 from numbers import Real
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, Floats
 from midnet_bench.plugins import ExtensionPoint, PluginError, several
 from midnet_bench.scoring.frame_counts import TruthObject, touches
 from midnet_bench.settings import Scalar
@@ -28,7 +25,6 @@ METRICS = ExtensionPoint(
     },
     needs={"mot": "motmetrics"},
 )
-"""see ``scoring/metric.py``"""
 NONE = "none"  # the list without any
 
 
@@ -55,11 +51,11 @@ class MetricFrame(NamedTuple):
     """What a metric goes by. Map frame, metres; the arrays cannot be written to."""
 
     time_s: float  # since the trial's start
-    boxes: npt.NDArray[np.float64]  # (n, 4) of the team: x_min, y_min, x_max, y_max
+    boxes: Floats  # (n, 4) of the team: x_min, y_min, x_max, y_max
     truths: tuple[TruthObject, ...]  # the intruders that are there
     in_range: tuple[bool, ...]  # for each of them, whether missing it counts (item 46)
-    guards: npt.NDArray[np.float64]  # (k, 2) where the guards that have not died truly are
-    points: npt.NDArray[np.float64]  # (m, 2) where a guard may be sent; the same at each frame
+    guards: Floats  # (k, 2) where the guards that have not died truly are
+    points: Floats  # (m, 2) where a guard may be sent; the same at each frame
 
     @property
     def touched(self) -> list[list[int]]:

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.detectors.tracking import Events, Tracker
-from midnet_bench.geometry import Box, lengths
+from midnet_bench.geometry import Box, Floats, lengths
 from midnet_bench.scoring.metric import MetricFrame
 
 
@@ -85,7 +84,7 @@ class Idleness:
 
     reach_m: float = 1.0
     spacing_m: float = 0.5
-    _visited_s: npt.NDArray[np.float64] | None = field(default=None, init=False)
+    _visited_s: Floats | None = field(default=None, init=False)
     _longest_s: float = field(default=0.0, init=False)
 
     def frame(self, seen: MetricFrame) -> dict[str, float]:

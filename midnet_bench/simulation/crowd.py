@@ -14,21 +14,17 @@ second at 1.2 m/s.
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.arena import OtherIntruders
 from midnet_bench.arena.free_space import FreeSpace, free_space
 from midnet_bench.arena.layout import OTHERS_MARGIN_M, Layout
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos, cos_sin
-from midnet_bench.geometry import Box, Point, Pose2D, Solid, lengths
+from midnet_bench.geometry import Booleans, Box, Floats, Indices, Point, Pose2D, Solid, lengths
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.global_planner import potential_to
 from midnet_bench.simulation.engine import Beams
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LEG_DIAMETER_M = 0.12
 FEET_APART_M = 0.25  # from one leg's middle to the other's, sideways
@@ -188,24 +184,15 @@ class Crowd:
 
 def ranges_to(solid: Solid, beams: Beams) -> Floats:
     """(m, beams) metres from the axis to one solid, whatever stands before it; inf where a beam passes."""
-    return _met_disc(beams, solid) if solid.kind == "cylinder" else _met_box(beams, solid)
-
-
-def _met_disc(beams: Beams, solid: Solid) -> Floats:
-    """(m, beams) metres to an upright cylinder; inf where a beam passes."""
-    dx, dy = solid.pose.x - beams.axes[:, :1], solid.pose.y - beams.axes[:, 1:]
-    along = dx * beams.directions[..., 0] + dy * beams.directions[..., 1]
-    radius_m = solid.length_m / 2.0
-    under_root = along * along + (radius_m * radius_m - dx * dx - dy * dy)
-    is_met = (along > 0.0) & (under_root > 0.0)
-    return np.where(is_met, np.maximum(along - np.sqrt(np.where(is_met, under_root, 0.0)), 0.0), np.inf)
-
-
-def _met_box(beams: Beams, solid: Solid) -> Floats:
-    """(m, beams) metres to a box, by its two pairs of parallel sides; inf where a beam passes."""
-    c, s = solid.pose.direction
     dx, dy = beams.axes[:, :1] - solid.pose.x, beams.axes[:, 1:] - solid.pose.y
     wx, wy = beams.directions[..., 0], beams.directions[..., 1]
+    if solid.kind == "cylinder":
+        along, radius_m = -dx * wx - dy * wy, solid.length_m / 2.0
+        under_root = along * along + (radius_m * radius_m - dx * dx - dy * dy)
+        is_met = (along > 0.0) & (under_root > 0.0)
+        return np.where(is_met, np.maximum(along - np.sqrt(np.where(is_met, under_root, 0.0)), 0.0), np.inf)
+    # by the two pairs of parallel sides of a box
+    c, s = solid.pose.direction
     enter, leave = np.zeros(wx.shape), np.full(wx.shape, np.inf)
     for start, way, side_m in (
         (c * dx + s * dy, c * wx + s * wy, solid.length_m),
@@ -232,7 +219,7 @@ def braking_m(speed_mps: float) -> float:
 
 
 @njit
-def walk(states: Floats, paths: Floats, counts: Ints, robots: Floats, step_s: float) -> npt.NDArray[np.bool_]:
+def walk(states: Floats, paths: Floats, counts: Indices, robots: Floats, step_s: float) -> Booleans:
     """Let one tick pass for (n, 15) ``states``, by the columns above, one walker after the other.
 
     ``paths``: (n, p, 3) x, y and length up to there of each path's points, of which ``counts`` are there, 0
@@ -252,7 +239,7 @@ def walk(states: Floats, paths: Floats, counts: Ints, robots: Floats, step_s: fl
 
 
 @njit
-def stop(state: Floats, counts: Ints, number: int) -> None:
+def stop(state: Floats, counts: Indices, number: int) -> None:
     """Let a walker stand, without a path."""
     counts[number] = 0
     state[AT] = state[SPEED] = state[BLOCKED_S] = 0.0

@@ -7,13 +7,8 @@ and their noise, wheel encoders, gyroscopes.
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from midnet_bench.geometry import Command
+from midnet_bench.geometry import Booleans, Command, Floats
 from midnet_bench.plugins import ExtensionPoint
-
-Floats = npt.NDArray[np.float64]
 
 SIMULATORS = ExtensionPoint(
     option="engine",
@@ -60,7 +55,7 @@ class Engine(Protocol):
     def wheel_angles(self) -> Floats:
         """(n, 2) how far the left and right wheel have turned: what odometry counts."""
 
-    def contacts(self) -> npt.NDArray[np.bool_]:
+    def contacts(self) -> Booleans:
         """(n,) whether each robot touches anything but the floor now."""
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:

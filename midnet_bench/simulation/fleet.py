@@ -3,23 +3,20 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Dwell, Localizer, MobileRobot
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import STOP, Pose2D, lengths
+from midnet_bench.geometry import STOP, Booleans, Floats, Indices, Pose2D, lengths
 from midnet_bench.rng import stream
 from midnet_bench.simulation.sensors import EncoderOdometers, ImuSensors, LidarSensors
 from midnet_bench.simulation.world import World
 from midnet_bench.simulation.world_settings import SimulationSettings
 
-Floats = npt.NDArray[np.float64]
-
 CONTROL_HZ = 10  # Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation.
 SCAN_HZ = 5  # The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise.
 
 
-ScanCallback = Callable[[Sequence[MobileRobot], npt.NDArray[np.float64]], None]
+ScanCallback = Callable[[Sequence[MobileRobot], Floats], None]
 """Robots that have just taken a scan, and (m, beams) the ranges that they were given, metres."""
 
 
@@ -49,8 +46,10 @@ class Fleet:
         self._health_ticks = hz // SCAN_HZ
         names = [robot.name for robot in robots]
         phases = [int(stream(seed, "phase", name).integers(self._health_ticks)) for name in names]
-        self._controlling = _schedule(robots, phases, self._control_ticks)
-        self._scanning = _schedule(robots, self._scan_phases(phases, names, seed), self._scan_ticks)
+        self._control_phases = phases
+        self._scan_phases = self._drawn_scan_phases(phases, names, seed)
+        self._driving = list(robots)
+        """those that were neither stopped nor removed"""
         self._lidar_noise = [stream(seed, "lidar", name) for name in names]
         self._imus = ImuSensors(settings.imu, [stream(seed, "imu", name) for name in names])
         self._odometers = (
@@ -87,10 +86,10 @@ class Fleet:
         """Let one tick pass: physics, then sensors and software of the robots due, which come back."""
         world = self.world
         world.step()
-        due = self._controlling[world.tick % self._control_ticks]
+        due = self._due(self._control_phases, self._control_ticks)
         if due:
             self._localize(due)
-            self._scan(self._scanning[world.tick % self._scan_ticks])
+            self._scan(self._due(self._scan_phases, self._scan_ticks))
             self._control(due)
         if world.tick % self._health_ticks == 0:
             self.health.update(world.poses())
@@ -99,21 +98,18 @@ class Fleet:
     def stop(self, robot: MobileRobot) -> None:
         """Let a robot stand where it is, body and all; it senses and drives no more."""
         self.world.drive(robot.index, STOP)
-        self._unschedule(robot)
+        self._driving.remove(robot)
 
     def remove(self, robot: MobileRobot) -> None:
         """Take a robot out of the arena for good."""
         self.world.remove(robot.index)
-        self._unschedule(robot)
+        self._driving.remove(robot)
 
-    def _unschedule(self, robot: MobileRobot) -> None:
-        # Lists of their own: a robot may be caught while the fleet goes through the old ones.
-        self._controlling, self._scanning = (
-            [[other for other in due if other is not robot] for due in schedule]
-            for schedule in (self._controlling, self._scanning)
-        )
+    def _due(self, phases: Sequence[int], period_ticks: int) -> list[MobileRobot]:
+        """The robots whose phase comes at this tick."""
+        return [one for one in self._driving if (self.world.tick - phases[one.index]) % period_ticks == 0]
 
-    def _scan_phases(self, phases: Sequence[int], names: Sequence[str], seed: int) -> list[int]:
+    def _drawn_scan_phases(self, phases: Sequence[int], names: Sequence[str], seed: int) -> list[int]:
         """The tick of each robot's first scan: a slow LiDAR's may begin in any part of its longer period."""
         if self._scan_ticks <= self._health_ticks:
             return [phase % self._scan_ticks for phase in phases]
@@ -155,17 +151,7 @@ class Fleet:
             self.world.drive(robot.index, robot.control(time_s))
 
 
-def _schedule(
-    robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int
-) -> list[list[MobileRobot]]:
-    """For each tick of a period, which of the robots are due."""
-    return [
-        [robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick]
-        for tick in range(period_ticks)
-    ]
-
-
-def _indices(robots: Sequence[MobileRobot]) -> npt.NDArray[np.int64]:
+def _indices(robots: Sequence[MobileRobot]) -> Indices:
     return np.array([robot.index for robot in robots], dtype=np.int64)
 
 
@@ -177,7 +163,7 @@ class HealthTracker:
         self._last = poses.copy()
         self.distances_m: Floats = np.zeros(len(poses))
         """(n,) path lengths so far"""
-        self.crossings: npt.NDArray[np.int64] = np.zeros(len(poses), dtype=np.int64)
+        self.crossings: Indices = np.zeros(len(poses), dtype=np.int64)
         """(n,) surfaces tunnelled through; anything but 0 says that the physics failed"""
 
     def update(self, poses: Floats) -> None:
@@ -221,7 +207,7 @@ def surfaces(layout: Layout) -> Floats:
     return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
 
 
-def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
+def crossed_wall(sides: Floats, before: Floats, after: Floats) -> Booleans:
     """(n,) whether the straight way from ``before`` to ``after`` goes through one of ``surfaces``.
 
     Both are (n, 2) or more, x and y first.

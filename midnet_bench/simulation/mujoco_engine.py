@@ -11,16 +11,12 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Command, Pose2D, Solid
+from midnet_bench.geometry import Booleans, Command, Floats, Pose2D, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LEAST_HZ = 120  # a longer tick is stepped in pieces: a body gets into another by what it drives in a step
 STIFFNESS = 2.0  # speed that a tyre lacks falls by 1 + this in a step, or as fast as its grip allows
@@ -97,7 +93,7 @@ class MujocoEngine:
         """(n, 2) how far the left and right wheel have turned; they turn on while they slip."""
         return self._wheels
 
-    def contacts(self) -> npt.NDArray[np.bool_]:
+    def contacts(self) -> Booleans:
         """(n,) whether each robot touches anything now."""
         contacts = self._data.contact
         shapes = contacts.geom[contacts.dist <= 0.0]

@@ -10,25 +10,21 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions, hypot, standard_normals
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Floats, Indices, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.world import World
 from midnet_bench.simulation.world_settings import ImuSettings, LidarNoise, LidarSettings, OdometrySettings
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
 Generators = Sequence[np.random.Generator]
 
 
-def drawn(rngs: Generators, rows: Ints, width: int) -> Floats:
+def drawn(rngs: Generators, rows: Indices, width: int) -> Floats:
     """(m, width) normal numbers, ``width`` from the generator of each of ``rows``."""
     return np.array([standard_normals(rngs[row], (width,)) for row in rows.tolist()]).reshape(-1, width)
 
@@ -97,9 +93,9 @@ def hide_behind_discs(
     poses: Floats,
     ahead_m: float,
     radii_m: Floats,
-    own: Ints,
+    own: Indices,
     far_m: float,
-) -> Ints:
+) -> Indices:
     """(m, beams) what each beam meets first: a disc's number, ``SOLID`` or ``NOTHING``.
 
     ``ranges``: (m, beams) to the nearest solid, inf for none; shortened where a disc within ``far_m`` is
@@ -136,7 +132,7 @@ class NoiseFreeScan(NamedTuple):
 
     beams: Beams
     ranges_m: Floats  # (m, beams); inf where nothing reflects within range
-    bodies: Ints  # (m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``
+    bodies: Indices  # (m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``
 
     def of(self, row: int) -> "NoiseFreeScan":
         """That of one LiDAR, m = 1."""
@@ -180,27 +176,26 @@ class LidarSensors:
         self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""
 
-    def scan(self, indices: Sequence[int] | Ints, noise: Generators) -> Floats:
+    def scan(
+        self, indices: Sequence[int] | Indices, noise: Generators, dropouts: Generators | None = None
+    ) -> Floats:
         """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres.
 
         inf where nothing reflects within range or the beam drops out; 0 (``TOO_NEAR_M``) where something
-        stands closer than the sensor's least range. ``noise``: of all robots of the world.
+        stands closer than the sensor's least range. ``noise``, ``dropouts``: of all robots of the world;
+        the sensors' own dropouts unless given.
         """
         ranges = self.scan_and_bodies(indices, noise)[0]
-        if self._dropout > 0.0:
-            self.drop_out(ranges, [self._dropout_rngs[index] for index in indices])
+        rngs = dropouts or self._dropout_rngs
+        for own, index in zip(ranges, indices, strict=True):
+            if self._dropout > 0.0:
+                own[rngs[index].random(len(own)) < self._dropout] = np.inf
         return ranges
 
-    def drop_out(self, ranges: Floats, rngs: Generators) -> None:
-        """Let beams of (m, beams) ``ranges`` drop out in place, by a generator of each sensor."""
-        for own, rng in zip(ranges, rngs, strict=True):
-            own[rng.random(len(own)) < self._dropout] = np.inf
-
-    def scan_and_bodies(self, indices: Sequence[int] | Ints, noise: Generators) -> tuple[Floats, Ints]:
+    def scan_and_bodies(self, indices: Sequence[int] | Indices, noise: Generators) -> tuple[Floats, Indices]:
         """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
 
-        ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing. No beam
-        drops out here: this is what could be seen.
+        No beam drops out here: this is what could be seen.
 
         Raises:
             ValueError: one of these robots was removed.
@@ -209,7 +204,7 @@ class LidarSensors:
         _, true_ranges, bodies = self.newest = self.true_scan(rows)
         return self.measured(true_ranges, rows, noise), bodies
 
-    def measured(self, true_ranges: Floats, rows: Ints, noise: Generators) -> Floats:
+    def measured(self, true_ranges: Floats, rows: Indices, noise: Generators) -> Floats:
         """(m, beams) what the LiDARs of those robots report of true ranges, inf for nothing; metres.
 
         Each one's generator of ``noise`` gives a number for each beam. Errors as :class:`Errors` has them.
@@ -220,7 +215,7 @@ class LidarSensors:
         normals = drawn(noise, rows, self._lidar.beams)
         return reported(true_ranges, normals, self._scales[rows], self._errors, limits_m)
 
-    def true_scan(self, rows: Ints) -> NoiseFreeScan:
+    def true_scan(self, rows: Indices) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
         is_there = self._world.active[rows]
         if not is_there.all():
@@ -280,7 +275,7 @@ class ImuSensors:
         """(n,) the integral of each yaw rate's errors, radians"""
         self._readings = np.full((len(rngs), 2), np.nan)
 
-    def read(self, rows: Ints, poses: Floats, velocities: Floats, elapsed_s: float) -> Floats:
+    def read(self, rows: Indices, poses: Floats, velocities: Floats, elapsed_s: float) -> Floats:
         """(n, 2) yaw (rad) and yaw rate (rad/s): new in ``rows``, else the last.
 
         Given the truth now, ``elapsed_s`` after the last reading: (n, 3) poses, (n, 2) forward speeds and yaw
@@ -327,7 +322,7 @@ class EncoderOdometers:
         self._rngs = rngs
         self._velocities = np.zeros((len(starts), 2))
 
-    def update(self, rows: Ints, wheel_angles_rad: Floats, elapsed_s: float) -> Floats:
+    def update(self, rows: Indices, wheel_angles_rad: Floats, elapsed_s: float) -> Floats:
         """(n, 2) mean forward speed (m/s) and yaw rate (rad/s) over ``elapsed_s``, new in ``rows``.
 
         The poses of ``rows`` move along the heading half-way through the turn (midpoint rule).

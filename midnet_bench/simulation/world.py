@@ -7,16 +7,13 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.elementary import directions
-from midnet_bench.geometry import Command, Pose2D
+from midnet_bench.geometry import Booleans, Command, Floats, Indices, Pose2D
 from midnet_bench.plugins import PluginError
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.engine import SIMULATORS, Beams, Engine
 from midnet_bench.simulation.world_settings import WorldSettings
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 CONTACT_HZ = 10  # how often contacts are looked at
 EPISODE_GAP_S = 1.0  # Touching counts once until so long has passed without it.
@@ -71,7 +68,7 @@ class World:
             self._call("close")
 
     @property
-    def active(self) -> npt.NDArray[np.bool_]:
+    def active(self) -> Booleans:
         """(n,) whether each robot is still in the arena."""
         return self._active.copy()
 
@@ -114,7 +111,7 @@ class World:
             self._poses.flags.writeable = False
         return self._poses
 
-    def velocities(self, rows: Ints | None = None) -> Floats:
+    def velocities(self, rows: Indices | None = None) -> Floats:
         """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed.
 
         With ``rows``, only theirs are wanted: the others' may be NaN.
@@ -146,7 +143,7 @@ class World:
             self.crowd.shorten(ranges, beams, far_m)
         return ranges
 
-    def collisions(self) -> Ints:
+    def collisions(self) -> Indices:
         """(n,) how often each robot has run into something so far, looked at ten times a second."""
         return self._collisions.copy()
 
@@ -202,5 +199,4 @@ def _engine(layout: Layout, settings: WorldSettings, robot: RobotModel) -> Engin
         from midnet_bench.simulation.bullet_engine import BulletEngine
 
         return BulletEngine(layout, robot, settings.step_hz, settings.solver_iterations)
-    engine: Engine = SIMULATORS.make(settings.engine, layout, robot, settings.step_hz)
-    return engine
+    return SIMULATORS.make(settings.engine, layout, robot, settings.step_hz)

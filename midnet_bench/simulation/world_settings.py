@@ -11,9 +11,6 @@ from midnet_bench.settings import Scalar, Settings, fixed, group, option
 from midnet_bench.simulation.engine import SIMULATORS
 
 LidarNoise = Literal["gazebo", "datasheet", "none"]
-RobotProfile = Literal["urdf", "disc"]
-OdometrySource = Literal["world", "encoder"]
-ImuNoise = Literal["gazebo", "none"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class WorldSettings(Settings):
 class LidarSettings(Settings):
     """What the LiDARs' beams meet, and how wrong their ranges are."""
 
-    robot_profile: RobotProfile = option(
+    robot_profile: Literal["urdf", "disc"] = option(
         "urdf",
         "What LiDAR beams meet of another robot: what is in their plane, of a Burger its LiDAR "
         "housing, 11 cm wide (urdf), or a disc of the whole robot's radius, of a Burger 0.105 m "
@@ -79,7 +76,7 @@ class OdometrySettings(Settings):
     that leaves 2 mm after a metre.
     """
 
-    source: OdometrySource = option(
+    source: Literal["world", "encoder"] = option(
         "world",
         "Odometry that is exact, as Gazebo publishes it for a Burger (world), or computed from wheel "
         "encoders with wheels that slip (encoder).",
@@ -119,7 +116,7 @@ class OdometrySettings(Settings):
 class ImuSettings(Settings):
     """The Burger's IMU; defaults: what its description states."""
 
-    noise: ImuNoise = option(
+    noise: Literal["gazebo", "none"] = option(
         "gazebo",
         "Errors of the IMU: those that the Burger's description states (gazebo), or none, as Gazebo's"
         " ROS 1 plugin published it.",
@@ -213,5 +210,4 @@ class SimulationSettings(Settings):
 @functools.cache
 def own_robot(name: str) -> RobotModel:
     """One of this package's, by its name."""
-    model: RobotModel = load_reference(ROBOTS.own[name] or "")
-    return model
+    return load_reference(ROBOTS.own[name] or "")

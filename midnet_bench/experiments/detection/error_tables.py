@@ -9,11 +9,25 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.geometry import Box
-from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, REMOVED_BY, UNEXPLAINED
+from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import touches
 
 KINDS = {"miss": MISS_CAUSES, "false": FALSE_CAUSES, "fragment": FALSE_CAUSES}
 ORACLE, NONE, ALL = "oracle", "none", "all errors"
+REMOVED_BY = {
+    "pose": ("pose_error", "misplaced_by_pose", "wall_by_pose"),
+    "crop": ("crop_shift", "misplaced_by_crop", "wall_by_crop"),
+    "noise": ("range_noise", "misplaced_by_noise", "wall_by_noise", "beyond_range"),
+    "map": ("wall_by_map",),
+    "delay": ("delay", "stale"),
+    "window": ("outside_window",),
+    "marks": ("intruder_trail", "ally_trail"),
+    "allies": ("taken_for_ally", "ally_left", "ally_trail"),
+    "occlusion": ("occluded",),
+    "sight": ("occluded_outside_window",),
+    "fusion": ("merged", "dropped_by_fusion", "fragment"),
+}
+"""oracle -> the causes that it takes away"""
 
 
 def error_tables(results: Results) -> list[Table]:

@@ -12,17 +12,14 @@ from midnet_bench.campaign.trial import Row
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import cos_sin
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ScoredFrame
-from midnet_bench.geometry import Box, Point, Scan, Solid, lengths
+from midnet_bench.geometry import Booleans, Box, Floats, Indices, Point, Scan, Solid, lengths
 from midnet_bench.midnet.detection import Crop
 from midnet_bench.navigation.costmap import LETHAL, inflate, inflation_costs, published, reach_cells
 from midnet_bench.scoring.diagnosis import (
     NOTHING,
     WALL,
-    Booleans,
     Cause,
-    Floats,
     GuardView,
-    Ints,
     Marks,
     SightLines,
     ally,
@@ -82,12 +79,12 @@ class TracedScan:
         mobile = trial.lidars.centers(self._poses[[robot.index for robot in trial.intruders]])
         return np.vstack((np.array(still).reshape(-1, 2), mobile, np.array(self._others).reshape(-1, 2)))
 
-    def reached(self, range_m: float) -> Ints:
+    def reached(self, range_m: float) -> Indices:
         """The beams that a costmap with this obstacle range takes for returns."""
         ranges_m = self.scan.ranges_m
         return np.flatnonzero((ranges_m >= self.scan.lidar.range_min_m) & (ranges_m < range_m))
 
-    def marks(self, beams: Ints, now_s: float, is_newest: bool) -> Marks:
+    def marks(self, beams: Indices, now_s: float, is_newest: bool) -> Marks:
         """The returns of some beams, as they are at ``now_s``; ``is_newest``: whether no scan is newer."""
         return self.returns.where(beams)._replace(
             age_s=np.full(len(beams), now_s - self.scan.stamp_s), is_newest=np.full(len(beams), is_newest)
@@ -106,7 +103,9 @@ def solids_of(trial: GuardedArena) -> list[tuple[int, Solid]]:
     return still + [(first + k, one) for k, other in enumerate(trial.crowd.members) for one in other.solids()]
 
 
-def sources_of(trial: GuardedArena, bodies: Ints, ends: Floats, solids: Sequence[tuple[int, Solid]]) -> Ints:
+def sources_of(
+    trial: GuardedArena, bodies: Indices, ends: Floats, solids: Sequence[tuple[int, Solid]]
+) -> Indices:
     """(beams,) what each beam met, as ``Marks`` has it: ``bodies`` of LiDARs, ``ends`` (beams, 2)."""
     first = len(trial.layout.stationary)
     robots = [ally(k) for k in range(len(trial.guards))] + [first + k for k in range(len(trial.intruders))]
@@ -209,7 +208,7 @@ class FrameTrace:
         needed = {*np.unique(trace.makers[:, 2]).tolist(), trace.newest}
         trace.scans = {number: scan for number, scan in trace.scans.items() if number in needed}
 
-    def _hits(self, number: int, scan: TracedScan) -> Ints:
+    def _hits(self, number: int, scan: TracedScan) -> Indices:
         """(n, 4) cells in which a scan's beams ended, its number and the beams.
 
         Rounded step by step as the obstacle layer does it: a return may lie on the edge of a cell.
@@ -276,7 +275,7 @@ class FrameTrace:
         return SightLines(ways[0], ranges_m[0], sources_of(trial, bodies[0], ends, solids_of(trial)))
 
     @cached_property
-    def _disc(self) -> Ints:
+    def _disc(self) -> Indices:
         """(k, 2) columns and rows from a mark's cell to the cells that have the cost that counts."""
         settings = self._settings
         reach = reach_cells(settings.inflation_radius_m, settings.resolution)

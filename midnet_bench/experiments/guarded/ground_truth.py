@@ -25,7 +25,7 @@ from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 from midnet_bench.simulation.sensors import NOTHING, SOLID, NoiseFreeScan
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.int64]
 ScanCallback = Callable[[Guard, Scan, NoiseFreeScan], None]
 """Called with a scan that was taken into a guard's costmap, and what its beams truly met (m = 1)."""
 
@@ -106,8 +106,7 @@ class GroundTruthOverride:
             return
         lidars, lidar = self._trial.lidars, self._trial.world.robot.lidar
         rows = [guard.index for guard in alive]
-        ranges_m, _ = lidars.scan_and_bodies(rows, self._noise)
-        lidars.drop_out(ranges_m, [self._dropouts[row] for row in rows])
+        ranges_m = lidars.scan(rows, self._noise, self._dropouts)
         true = lidars.newest
         assert true is not None
         for row, guard in enumerate(alive):
@@ -152,7 +151,7 @@ class GroundTruthOverride:
             np.concatenate((true.bodies, bodies.reshape(1, -1)), axis=1),
         )
 
-    def _behind(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
+    def _behind(self, guard: Guard, beams: Beams) -> tuple[Floats, Indices]:
         """What each beam meets behind the first intruder, a row for each echo.
 
         (echoes, beams) metres, NaN where there is nothing more; and which robot, as ``NoiseFreeScan`` has it.
@@ -179,7 +178,7 @@ class GroundTruthOverride:
         ranges_m[np.arange(1, 1 + len(behind))[:, None] > hits] = np.nan
         return ranges_m, np.take_along_axis(bodies, behind, axis=0)
 
-    def _opaque(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
+    def _opaque(self, guard: Guard, beams: Beams) -> tuple[Floats, Indices]:
         """(beams,) metres to the first wall or other guard, inf for none, and which of both it is."""
         range_m = self._trial.world.robot.lidar.range_max_m
         sides, first, circles = self._walls

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
+from midnet_bench.geometry import Booleans, Floats, Indices
 from midnet_bench.simulation.fast.outlines import (
     ALONG_X,
     ALONG_Y,
@@ -29,10 +29,6 @@ from midnet_bench.simulation.fast.outlines import (
     Y,
     sides_of,
 )
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
 
 OBSTACLE = -2  # in ``pairs``: what moves by itself
 WALL_FRICTION, BODY_FRICTION = 0.5, 0.25  # Coulomb's coefficients, as in PyBullet
@@ -56,11 +52,12 @@ class Scene(NamedTuple):
     hull: Floats  # (h, 7) by the columns ``X`` to ``LAST_Y``, base frame, metres
     sides: Floats  # (k, 7) those that bodies can touch, by the same columns, map frame
     frame: Floats  # (4,) x and y of a grid's lower left corner, metres, columns, rows
-    first: Ints  # (cells + 1,) where the sides near each cell begin in ``members``; cells row by row
-    members: Ints  # rows of ``sides``, as far from a cell as a body and the widest gap reach
+    first: Indices  # (cells + 1,) where the sides near each cell begin in ``members``; cells row by row
+    members: Indices  # rows of ``sides``, as far from a cell as a body and the widest gap reach
     hulls: Floats  # (n, h, 7) the hulls in the map frame
     rows: Floats  # (c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``
-    pairs: Ints  # (c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``
+    pairs: Indices  # (c, 2) bodies that a contact's normal points to and from; -1 for walls, or ``OBSTACLE``
+    found: Indices  # (1,) how many contacts are written
     step_s: float  # a tick
     ramp_mps: float  # by how much a rim's speed changes in a tick
     separation_m: float  # of the wheels
@@ -79,7 +76,7 @@ def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
 
 
 @njit
-def find_contacts(poses: Floats, present: Flags, margin_m: float, solids: Floats, scene: Scene) -> int:
+def find_contacts(poses: Floats, present: Booleans, margin_m: float, solids: Floats, scene: Scene) -> int:
     """Writes the contacts of bodies at (n, 3) ``poses`` into the scene; how many there are.
 
     Those with obstacles come first: in each of the solver's rounds walls and bodies have the last word.
@@ -92,12 +89,12 @@ def find_contacts(poses: Floats, present: Flags, margin_m: float, solids: Floats
         scene: bodies, walls, and room for contacts.
     """
     reach_m, hulls = scene.reach_m, scene.hulls
-    count = 0
+    scene.found[0] = 0
     for i in range(len(poses)):
         if present[i]:
             _place(scene.hull, poses[i], hulls[i])
             for solid in solids:
-                count = _against_obstacle(i, poses[i], solid, margin_m, scene, count)
+                _against_obstacle(i, poses[i], solid, margin_m, scene)
     apart_m = 2.0 * reach_m + margin_m
     for i in range(len(poses)):
         if not present[i]:
@@ -105,13 +102,13 @@ def find_contacts(poses: Floats, present: Flags, margin_m: float, solids: Floats
         for member in _sides_near(poses[i], scene):
             side = scene.sides[member]
             if _may_touch(side, poses[i], reach_m + margin_m):
-                count = _against_side(i, poses, side, margin_m, scene, count)
+                _against_side(i, poses, side, margin_m, scene)
         for j in range(i):
             dx, dy = poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]
             if present[j] and dx * dx + dy * dy <= apart_m * apart_m:
-                count = _meet(j, i, hulls[i], poses, margin_m, False, scene, count)
-                count = _meet(i, j, hulls[j], poses, margin_m, True, scene, count)
-    return count
+                _meet(j, i, hulls[i], poses, margin_m, False, scene)
+                _meet(i, j, hulls[j], poses, margin_m, True, scene)
+    return scene.found[0]
 
 
 @njit
@@ -128,7 +125,7 @@ def _place(hull: Floats, pose: Floats, placed: Floats) -> None:
 
 
 @njit
-def _sides_near(pose: Floats, scene: Scene) -> Ints:
+def _sides_near(pose: Floats, scene: Scene) -> Indices:
     """The sides that a body at that pose may touch, by their rows."""
     left, low, columns, lines = scene.frame
     column, line = int((pose[0] - left) / CELL_M), int((pose[1] - low) / CELL_M)
@@ -154,21 +151,21 @@ def _add(
     arm: tuple[float, float],
     other: tuple[float, float],
     scene: Scene,
-    count: int,
-) -> int:
+) -> None:
     """Adds a contact, if there is room: its normal and gap, and its point as seen from both."""
+    count = scene.found[0]
     if count == len(scene.rows):
-        return count
+        return
     row = scene.rows[count]
     row[NORMAL_X], row[NORMAL_Y], row[GAP] = normal
     row[ARM_X], row[ARM_Y] = arm
     row[OTHER_X], row[OTHER_Y] = other
     scene.pairs[count, 0], scene.pairs[count, 1] = a, b
-    return count + 1
+    scene.found[0] += 1
 
 
 @njit
-def _against_obstacle(i: int, pose: Floats, solid: Floats, margin_m: float, scene: Scene, count: int) -> int:
+def _against_obstacle(i: int, pose: Floats, solid: Floats, margin_m: float, scene: Scene) -> None:
     """Adds the contacts of body i with an obstacle, deep ones too.
 
     An obstacle of 2 m/s may come far into a body before it has pushed it out. A box that lies across a body,
@@ -177,7 +174,7 @@ def _against_obstacle(i: int, pose: Floats, solid: Floats, margin_m: float, scen
     hull, x, y = scene.hulls[i], pose[0], pose[1]
     radius_m = solid[3] / 2.0 if solid[5] else hypot(solid[3], solid[4]) / 2.0
     if hypot(x - solid[0], y - solid[1]) > scene.reach_m + margin_m + radius_m:
-        return count
+        return
     if solid[5]:
         corners = np.zeros((1, 7))
         corners[0, X], corners[0, Y] = solid[0], solid[1]
@@ -191,18 +188,16 @@ def _against_obstacle(i: int, pose: Floats, solid: Floats, margin_m: float, scen
     for corner in corners:
         is_met, (nx, ny, gap), (qx, qy) = _before(corner, hull, margin_m + radius_m, False, np.inf)
         if is_met:
-            count = _add(i, OBSTACLE, (nx, ny, gap - radius_m), (qx - x, qy - y), (0.0, 0.0), scene, count)
+            _add(i, OBSTACLE, (nx, ny, gap - radius_m), (qx - x, qy - y), (0.0, 0.0), scene)
     if not solid[5]:
         for corner in hull:
             is_met, (nx, ny, gap), _ = _before(corner, corners, margin_m, True, np.inf)
             if is_met:
-                arm = corner[X] - x, corner[Y] - y
-                count = _add(i, OBSTACLE, (-nx, -ny, gap), arm, (0.0, 0.0), scene, count)
-    return count
+                _add(i, OBSTACLE, (-nx, -ny, gap), (corner[X] - x, corner[Y] - y), (0.0, 0.0), scene)
 
 
 @njit
-def _against_side(i: int, poses: Floats, side: Floats, margin_m: float, scene: Scene, count: int) -> int:
+def _against_side(i: int, poses: Floats, side: Floats, margin_m: float, scene: Scene) -> None:
     """Adds the contacts of body i with one side and with the corner at its first end."""
     nx, ny = side[ALONG_Y], -side[ALONG_X]
     for corner in scene.hulls[i]:
@@ -214,23 +209,15 @@ def _against_side(i: int, poses: Floats, side: Floats, margin_m: float, scene: S
             behind = corner[LAST_X] * nx + corner[LAST_Y] * ny
             if ahead >= -_TILT and behind <= _TILT:
                 arm = corner[X] - poses[i, 0], corner[Y] - poses[i, 1]
-                count = _add(i, -1, (nx, ny, gap), arm, (0.0, 0.0), scene, count)
+                _add(i, -1, (nx, ny, gap), arm, (0.0, 0.0), scene)
     if side[LAST_X] != 0.0 or side[LAST_Y] != 0.0:
-        count = _meet(i, -1, side.reshape(1, 7), poses, margin_m, False, scene, count)
-    return count
+        _meet(i, -1, side.reshape(1, 7), poses, margin_m, False, scene)
 
 
 @njit
 def _meet(
-    a: int,
-    b: int,
-    corners: Floats,
-    poses: Floats,
-    margin_m: float,
-    sides_only: bool,
-    scene: Scene,
-    count: int,
-) -> int:
+    a: int, b: int, corners: Floats, poses: Floats, margin_m: float, sides_only: bool, scene: Scene
+) -> None:
     """Adds the contacts of corners of b, a body or what stands, with body a."""
     for corner in corners:
         is_met, normal, (qx, qy) = _before(corner, scene.hulls[a], margin_m, sides_only, DEEP_M)
@@ -238,8 +225,7 @@ def _meet(
             arm, other = (qx - poses[a, 0], qy - poses[a, 1]), (0.0, 0.0)
             if b >= 0:
                 other = corner[X] - poses[b, 0], corner[Y] - poses[b, 1]
-            count = _add(a, b, normal, arm, other, scene, count)
-    return count
+            _add(a, b, normal, arm, other, scene)
 
 
 @njit
@@ -288,7 +274,7 @@ def _before(
 
 
 @njit
-def islands(count: int, pairs: Ints, n: int) -> Ints:
+def islands(count: int, pairs: Indices, n: int) -> Indices:
     """(n,) for each body the least number among those that contacts join it with, one by the next."""
     label = np.arange(n)
     changed = True
@@ -347,7 +333,7 @@ def _inverse_mass(row: Floats, b: int, nx: float, ny: float, gyration2: float) -
 
 
 @njit
-def solve_contacts(island: int, label: Ints, count: int, scene: Scene, moves: Floats) -> float:
+def solve_contacts(island: int, label: Indices, count: int, scene: Scene, moves: Floats) -> float:
     """One round over an island's contacts: no gap closes within a step, and what touches rubs.
 
     Gives the largest change of an impulse per mass, m/s.
@@ -389,7 +375,7 @@ def part_overlapping(count: int, scene: Scene, poses: Floats) -> bool:
 
 
 @njit
-def penetrates(i: int, poses: Floats, present: Flags, depth_m: float, scene: Scene) -> bool:
+def penetrates(i: int, poses: Floats, present: Booleans, depth_m: float, scene: Scene) -> bool:
     """Whether body i reaches more than ``depth_m`` into a side of what never moves, or into another body.
 
     A check by another way than contacts are found by: the hull less a rim of that depth is cut with sides,

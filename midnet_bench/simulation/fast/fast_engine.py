@@ -5,37 +5,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
-from midnet_bench.geometry import Command, Solid
+from midnet_bench.geometry import Booleans, Command, Floats, Indices, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.fast.contacts import (
-    GAP,
-    NORMAL,
-    NORMAL_X,
-    NORMAL_Y,
-    PER_BODY,
-    SKIN_M,
-    TANGENTIAL,
-    Flags,
-    Scene,
-    find_contacts,
-    hull_of,
-    islands,
-    least_speed,
-    part_overlapping,
-    parting_speed,
-    penetrates,
-    solve_contacts,
-)
+from midnet_bench.simulation.fast import contacts
+from midnet_bench.simulation.fast.contacts import GAP, NORMAL, NORMAL_X, NORMAL_Y, TANGENTIAL, Scene
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of, side_grid
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Parts = tuple[Any, ...]  # of a ``Scene``
 
 # Columns of a body's state: its pose; its velocity in the map frame, forward, and its yaw rate; for the left
@@ -52,7 +32,7 @@ ANGLE_LEFT = 11
 COLUMNS = 13
 
 GRAVITY_MPS2, GRIP = 9.81, 1.0  # Coulomb's coefficient of wheels on the floor, as in PyBullet
-TOUCH_M = 2.0 * SKIN_M  # What is this near touches.
+TOUCH_M = 2.0 * contacts.SKIN_M  # What is this near touches.
 _PARTINGS = 20
 _OVERLAP_M = 5e-4  # Nothing gets deeper into anything.
 _STILL_MPS = 1e-6  # The solver ends when no impulse changes by more.
@@ -67,15 +47,16 @@ class FastEngine:
         starts = layout.robots + layout.intruders
         count, step_s, reach_m = len(starts), 1.0 / step_hz, robot.body_reach_m
         most_m = _PUSHED * (robot.max_linear_mps + robot.max_angular_radps * reach_m) * step_s
-        hull, self._outlines = hull_of(robot.body), outlines_of(layout.solids)
+        hull, self._outlines = contacts.hull_of(robot.body), outlines_of(layout.solids)
         # Handing named tuples to compiled code takes three times as long as a tick.
         self._parts = tuple(
             Scene(
                 hull,
                 *side_grid(self._outlines, reach_m + 2.0 * most_m),
                 np.zeros((count, *hull.shape)),
-                np.zeros((PER_BODY * count, 9)),
-                np.zeros((PER_BODY * count, 2), dtype=np.int64),
+                np.zeros((contacts.PER_BODY * count, 9)),
+                np.zeros((contacts.PER_BODY * count, 2), dtype=np.int64),
+                np.zeros(1, dtype=np.int64),
                 step_s=step_s,
                 ramp_mps=robot.rim_acceleration_mps2 * step_s,
                 separation_m=robot.wheel_separation_m,
@@ -108,7 +89,7 @@ class FastEngine:
         """(n, 3) x, y, yaw of each robot's base frame, under the middle of its axle."""
         return self._states[:, POSE]
 
-    def velocities(self, rows: Ints) -> Floats:
+    def velocities(self, rows: Indices) -> Floats:
         """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot."""
         return self._states[:, VELOCITY]
 
@@ -116,7 +97,7 @@ class FastEngine:
         """(n, 2) how far the left and right wheel have turned, radians."""
         return self._states[:, ANGLES]
 
-    def contacts(self) -> Flags:
+    def contacts(self) -> Booleans:
         """(n,) whether each robot touches anything now."""
         return np.asarray(touching(self._states, self._present, self._obstacles, self._parts))
 
@@ -131,7 +112,7 @@ class FastEngine:
 
 
 @njit
-def step_world(states: Floats, present: Flags, solids: Floats, parts: Parts) -> None:
+def step_world(states: Floats, present: Booleans, solids: Floats, parts: Parts) -> None:
     """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``.
 
     ``solids``: (k, 6) what moves by itself, as for :func:`~.contacts.find_contacts`.
@@ -144,8 +125,8 @@ def step_world(states: Floats, present: Flags, solids: Floats, parts: Parts) -> 
         if present[i]:
             _roll(states[i], scene, moves[i])
     # two bodies come nearer by as much as both can move
-    count = find_contacts(poses, present, 2.0 * scene.most_m, solids, scene)
-    label = islands(count, scene.pairs, n)
+    count = contacts.find_contacts(poses, present, 2.0 * scene.most_m, solids, scene)
+    label = contacts.islands(count, scene.pairs, n)
     if count > 0:
         _hold(count, states, scene, label, moves, held)
     for i in range(n):
@@ -179,7 +160,7 @@ def _roll(state: Floats, scene: Scene, move: Floats) -> None:
 
 
 @njit
-def _hold(count: int, states: Floats, scene: Scene, label: Ints, moves: Floats, held: Flags) -> None:
+def _hold(count: int, states: Floats, scene: Scene, label: Indices, moves: Floats, held: Booleans) -> None:
     """Changes ``moves`` of islands whose free motion would close a gap, and marks their bodies ``held``.
 
     Each body starts from the velocity that it had; friction of its wheels works towards the free motion, as
@@ -189,8 +170,8 @@ def _hold(count: int, states: Floats, scene: Scene, label: Ints, moves: Floats, 
     is_hindered = np.zeros(n, dtype=np.bool_)
     for c in range(count):
         row, (a, b) = scene.rows[c], scene.pairs[c]
-        least = least_speed(row[GAP], b, scene.step_s)
-        speed = parting_speed(row, a, b, row[NORMAL_X], row[NORMAL_Y], moves)
+        least = contacts.least_speed(row[GAP], b, scene.step_s)
+        speed = contacts.parting_speed(row, a, b, row[NORMAL_X], row[NORMAL_Y], moves)
         if speed < least - 1e-12 or row[GAP] < 0.0:
             is_hindered[label[a]] = True
         row[NORMAL] = row[TANGENTIAL] = 0.0
@@ -208,7 +189,7 @@ def _hold(count: int, states: Floats, scene: Scene, label: Ints, moves: Floats, 
             for i in range(island, n):
                 if label[i] == island:
                     change = max(change, _grip(states[i], scene, headings[i], grips[i], moves[i]))
-            change = max(change, solve_contacts(island, label, count, scene, moves))
+            change = max(change, contacts.solve_contacts(island, label, count, scene, moves))
             if change < _STILL_MPS:
                 break
     for i in range(n):
@@ -248,7 +229,13 @@ def _grip(state: Floats, scene: Scene, heading: Floats, grip: Floats, move: Floa
 
 @njit
 def _part(
-    poses: Floats, before: Floats, present: Flags, scene: Scene, label: Ints, moves: Floats, held: Flags
+    poses: Floats,
+    before: Floats,
+    present: Booleans,
+    scene: Scene,
+    label: Indices,
+    moves: Floats,
+    held: Booleans,
 ) -> None:
     """Parts moved bodies that overlap, as turning may make them, and checks what came of it.
 
@@ -257,13 +244,13 @@ def _part(
     """
     n = len(poses)
     for _ in range(_PARTINGS):
-        count = find_contacts(poses, present, 0.0, np.empty((0, 6)), scene)
-        if not part_overlapping(count, scene, poses):
+        count = contacts.find_contacts(poses, present, 0.0, np.empty((0, 6)), scene)
+        if not contacts.part_overlapping(count, scene, poses):
             break
     is_bad = np.zeros(n, dtype=np.bool_)
     for i in range(n):
-        if present[i] and penetrates(i, poses, present, _OVERLAP_M, scene):
-            is_bad[label[i]] |= not penetrates(i, before, present, _OVERLAP_M, scene)
+        if present[i] and contacts.penetrates(i, poses, present, _OVERLAP_M, scene):
+            is_bad[label[i]] |= not contacts.penetrates(i, before, present, _OVERLAP_M, scene)
     for i in range(n):
         if is_bad[label[i]]:
             held[i] = True
@@ -286,10 +273,10 @@ def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
 
 
 @njit
-def touching(states: Floats, present: Flags, solids: Floats, parts: Parts) -> Flags:
+def touching(states: Floats, present: Booleans, solids: Floats, parts: Parts) -> Booleans:
     """(n,) whether each body touches something; arguments as for :func:`step_world`."""
     scene = Scene(*parts)
-    count = find_contacts(states[:, :3], present, TOUCH_M, solids, scene)
+    count = contacts.find_contacts(states[:, :3], present, TOUCH_M, solids, scene)
     found = np.zeros(len(states), dtype=np.bool_)
     for a, b in scene.pairs[:count]:
         found[a] = True

@@ -5,14 +5,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, hypot, sin
-from midnet_bench.geometry import Solid, lengths
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+from midnet_bench.geometry import Floats, Indices, Solid, lengths
 
 CELL_M = 0.25
 _HAIR_M = 1e-6  # A corner this near another solid lies on it.
@@ -27,7 +23,7 @@ class Outlines(NamedTuple):
     """The convex outlines of all solids, one after the other."""
 
     sides: Floats  # (k, 7) by the columns ``X`` to ``LAST_Y``, metres
-    first: Ints  # (s + 1,) where each solid's sides begin, and their number
+    first: Indices  # (s + 1,) where each solid's sides begin, and their number
     circles: Floats  # (s, 3) x, y and radius of a circle about each solid
 
 
@@ -55,7 +51,7 @@ def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
     return Outlines(sides, first, np.column_stack((centers, np.maximum.reduceat(off_m, first[:-1]))))
 
 
-def side_grid(outlines: Outlines, reach_m: float) -> tuple[Floats, Floats, Ints, Ints]:
+def side_grid(outlines: Outlines, reach_m: float) -> tuple[Floats, Floats, Indices, Indices]:
     """The sides less what lies inside other solids, and for each cell of a grid all those within ``reach_m``.
 
     Walls overlap where they meet. A body that slides along one must not catch on the end of the next.
@@ -85,7 +81,7 @@ def side_grid(outlines: Outlines, reach_m: float) -> tuple[Floats, Floats, Ints,
 
 
 @njit
-def exposed_pieces(sides: Floats, first: Ints, circles: Floats) -> list[tuple[float, float, float, float]]:
+def exposed_pieces(sides: Floats, first: Indices, circles: Floats) -> list[tuple[float, float, float, float]]:
     """The parts of all sides that lie outside every other solid.
 
     Of each: the side, how far along it the part begins and ends, metres, and whether it begins at a corner.
@@ -141,7 +137,13 @@ def _inside(outline: Floats, line: Floats) -> tuple[float, float, float, float]:
 
 @njit
 def cast_on_outlines(
-    axes: Floats, directions: Floats, sides: Floats, first: Ints, circles: Floats, near_m: float, far_m: float
+    axes: Floats,
+    directions: Floats,
+    sides: Floats,
+    first: Indices,
+    circles: Floats,
+    near_m: float,
+    far_m: float,
 ) -> Floats:
     """(m, beams) metres to the first side met from ``near_m`` on and before ``far_m``; inf if there is none.
 
