@@ -258,11 +258,10 @@ class Solid:
 
 
 @cache
-def _unit_circle() -> npt.NDArray[np.float64]:
-    """(``CYLINDER_SIDES``, 2) corners, counter-clockwise."""
-    angles = 2.0 * (math.pi / CYLINDER_SIDES) * np.arange(CYLINDER_SIDES, dtype=np.float64)
-    corners: npt.NDArray[np.float64] = _elementary().directions(angles)
-    return corners
+def _unit_circle() -> Floats:
+    """(``CYLINDER_SIDES``, 2) corners on the circle of radius 1 about the origin, counter-clockwise."""
+    half_side = math.pi / CYLINDER_SIDES
+    return _elementary().directions(2.0 * half_side * np.arange(CYLINDER_SIDES, dtype=np.float64))
 
 
 def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:

@@ -42,6 +42,7 @@ EXECUTED = "midnet_bench_reference_"  # begins the names of modules that are rea
 DIGITS = 12  # of the digests, hexadecimal
 FORMS = "expected package.module:NAME or path/file.py:NAME"
 VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?P<pin>[#@][\w.+-]+)?")
+"""an extension point's value: a place, options and a pin"""
 
 
 class PluginError(MidnetBenchError):

@@ -1,6 +1,5 @@
 """Real trials that tests share. Heavy rooms are imported on first use."""
 
-import gc
 import os
 import shutil
 import subprocess
@@ -11,6 +10,8 @@ from typing import Any
 import hypothesis
 import pytest
 
+from midnet_bench import compiled
+
 # a case that takes long on a busy machine says nothing about the code
 hypothesis.settings.register_profile("any machine", deadline=None)
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=30)
@@ -18,7 +19,7 @@ hypothesis.settings.register_profile("quick", deadline=None, max_examples=30)
 
 def pytest_configure(config: pytest.Config) -> None:
     """A property has 30 examples in ``make test`` and 100 in ``make test-all``."""
-    gc.set_threshold(100_000, 50, 50)
+    compiled.collect_garbage_rarely()
     hypothesis.settings.load_profile("quick" if config.option.markexpr == "not slow" else "any machine")
 
 

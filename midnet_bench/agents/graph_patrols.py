@@ -16,10 +16,10 @@ COARSE_M = 0.25  # side of the cells that ways are measured on, in steps to eigh
 
 
 @dataclass
-class OnGraph:
-    """Some of the points, about evenly apart, and how far it is from one to another around the walls."""
+class GraphPatrol:
+    """Sends guards to nodes, some of the points, about evenly apart, with ways between them round walls."""
 
-    points: Floats
+    points: Floats  # (n, 2) where a guard may be sent, each within reach of the others, metres, map frame
     guards: int
     rng: np.random.Generator
     spacing_m: float = 1.5  # least distance between two of the places
@@ -51,7 +51,7 @@ class OnGraph:
 
 
 @dataclass
-class CyclicRoute(OnGraph):
+class CyclicRoute(GraphPatrol):
     """All guards follow one closed route, evenly apart.
 
     Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT 2004. The route is a tour of
@@ -74,7 +74,7 @@ class CyclicRoute(OnGraph):
 
 
 @dataclass
-class ConscientiousReactive(OnGraph):
+class ConscientiousReactive(GraphPatrol):
     """Each guard goes to that neighbour of its node which it has not visited itself for longest.
 
     Machado, Ramalho, Zucker and Drogoul, "Multi-agent patrolling: an empirical analysis", MABS 2002.
@@ -100,7 +100,7 @@ class ConscientiousReactive(OnGraph):
 
 
 @dataclass
-class CoordinatedIdleness(OnGraph):
+class CoordinatedIdleness(GraphPatrol):
     """A guard goes where no guard was for longest, less the time to get there, and to no other guard's goal.
 
     Idleness is shared: a node counts as visited when any guard is sent on from it.

@@ -22,8 +22,8 @@ from matplotlib.ticker import MaxNLocator
 
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.drawing.scene import Floats
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Floats
 
 DPI, FONT_PT = 200, 9
 DODGE = 0.08  # between neighbouring series, as a share of the gap between places along x

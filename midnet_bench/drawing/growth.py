@@ -26,9 +26,9 @@ from midnet_bench.drawing.painter import (
     write_legend,
 )
 from midnet_bench.drawing.palette import EXPLORERS, FAINT_INK, RGB, TRUTH, WHITE
-from midnet_bench.drawing.scene import Floats, FloorPlan
+from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.drawing.stills import LABEL_PX, plot_page
-from midnet_bench.geometry import Box, Point, Pose2D, wrap_angle
+from midnet_bench.geometry import Box, Floats, Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel

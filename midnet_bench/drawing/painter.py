@@ -22,7 +22,6 @@ from midnet_bench.drawing.palette import DETECTION, FALSE_DETECTION, GUARD, INTR
 from midnet_bench.drawing.scene import (
     BURGER_LENGTH_M,
     Detection,
-    Floats,
     FloorPlan,
     Robot,
     Scene,
@@ -30,7 +29,7 @@ from midnet_bench.drawing.scene import (
     Truth,
     body_at,
 )
-from midnet_bench.geometry import Box, Point, Pose2D
+from midnet_bench.geometry import Box, Floats, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import Box, Point, Pose2D
+from midnet_bench.geometry import Box, Floats, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
@@ -20,7 +19,6 @@ from midnet_bench.scoring.frame_counts import Ratios
 if TYPE_CHECKING:  # which takes a compiler
     from midnet_bench.midnet.pipeline import Explanation
 
-Floats = npt.NDArray[np.float64]
 
 BURGER_LENGTH_M = float(np.ptp([x for x, _ in BURGER.body]))
 

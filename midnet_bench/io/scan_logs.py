@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import LidarGeometry, Pose2D
+from midnet_bench.geometry import Floats, LidarGeometry, Pose2D
 from midnet_bench.io.checked_yaml import short
 from midnet_bench.io.files import read_bounded
-
-Floats = npt.NDArray[np.float64]
 
 SICK_RANGE_MAX_M = 81.8  # a SICK LMS reports 81.83 m or a little more where nothing comes back
 LARGEST_MAP_M = 1000.0

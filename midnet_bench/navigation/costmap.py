@@ -41,7 +41,7 @@ def reach_cells(radius_m: float, resolution: float) -> int:
     return max(0, math.ceil(round(radius_m / resolution, 9)))
 
 
-@functools.cache  # for every robot of a team alike
+@functools.cache  # the costmaps of a team share it: not to be written to
 def inflation_costs(settings: CostmapSettings, radius_m: float) -> Cells:
     """(cells of the radius**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
 

@@ -36,7 +36,7 @@ def radii(footprint: Footprint) -> tuple[float, float]:
     return float(lengths(nearest).min()), float(lengths(corners).max())
 
 
-MAX_INFLATION_CELLS = 100  # farther takes long
+MAX_INFLATION_CELLS = 100  # the time that inflation takes grows with its square
 
 
 @dataclass(frozen=True)

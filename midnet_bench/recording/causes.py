@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.detectors.detector_node import WallEvidence
-from midnet_bench.geometry import Box, Pose2D, Scan
+from midnet_bench.geometry import Box, Floats, Pose2D, Scan
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, cells_to_unset, values_at
 from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.midnet.detection import bounding_boxes
@@ -24,8 +24,6 @@ from midnet_bench.recording.ray_counts import RayCounts, dilated
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.truth import Label, Labels
 from midnet_bench.scoring.error_causes import RECORDED_MISSES
-
-Floats = npt.NDArray[np.float64]
 
 NEAR_M = 0.35  # how far a declared ally or a displaced box may lie from where its pose is
 WALL_M = 0.15

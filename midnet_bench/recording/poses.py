@@ -8,10 +8,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Floats, Pose2D, wrap_angle
 from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 
-Floats = npt.NDArray[np.float64]
 Clock = Literal["header", "record"]
 
 KEPT_NS = 5 * NS  # poses older than the current instant by more than this are forgotten

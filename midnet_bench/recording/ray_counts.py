@@ -13,14 +13,13 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Scan
+from midnet_bench.geometry import Floats, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import FREE
 from midnet_bench.navigation.costmap import line_steps
 from midnet_bench.recording.files.readings import MOST_CELLS
 
 Counts = npt.NDArray[np.int32]
-Floats = npt.NDArray[np.float64]
 
 MARGIN_CELLS = 64  # by which the grid grows beyond what it has to hold
 SEEN_TWICE = 2  # a cell that was hit less often is no wall, whatever its share

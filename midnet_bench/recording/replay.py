@@ -16,10 +16,10 @@ import numpy as np
 
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import LidarGeometry, Pose2D, Scan
+from midnet_bench.geometry import Floats, LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
-from midnet_bench.recording.files.readings import NS, ExactReading, Floats, PoseReading, Reading, ScanReading
+from midnet_bench.recording.files.readings import NS, ExactReading, PoseReading, Reading, ScanReading
 from midnet_bench.recording.files.survey import EVER_NS
 from midnet_bench.recording.fitting.localize import Localizer
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, Recorded, RobotPlan, geometry_of

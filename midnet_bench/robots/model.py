@@ -165,3 +165,4 @@ ROBOTS = RobotExtensionPoint(
     method="rim_speeds",
     own={"burger": "midnet_bench.robots.burger:BURGER", "waffle": "midnet_bench.robots.waffle:WAFFLE"},
 )
+"""in brackets: other numbers of the model"""

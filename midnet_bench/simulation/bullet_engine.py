@@ -17,12 +17,9 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Command, Pose2D, Solid
+from midnet_bench.geometry import Command, Floats, Indices, Pose2D, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class PyBulletMissingError(InputError, ImportError):
@@ -188,7 +185,7 @@ class BulletEngine:
             places[index] = at + turn
         return np.asarray(base_poses(places, self._mass_x_m))
 
-    def velocities(self, rows: Ints) -> Floats:
+    def velocities(self, rows: Indices) -> Floats:
         """(n, 2) forward speed (m/s) and yaw rate (rad/s) of ``rows``."""
         velocities = np.full((len(self._bodies), 2), np.nan)
         yaws = self.poses()[:, 2].tolist()

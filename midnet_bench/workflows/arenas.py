@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.agents.patrol import DRIVABLE_M, patrol_points
 from midnet_bench.arena.arena import Arena, arena_path, checked_arena, load_arena
@@ -29,7 +28,6 @@ from midnet_bench.io.files import write_atomically
 from midnet_bench.io.map_server import load_map, read_image
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 
-Floats = npt.NDArray[np.float64]
 Unknown = Literal["wall", "free"]
 
 SEEDS = 5  # whose layouts are tried

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from midnet_bench.drawing.films import trial_video
-from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
+from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, Floats
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.inputs import ReplayInputs
 from midnet_bench.recording.replay import Replay, ReplayFrame

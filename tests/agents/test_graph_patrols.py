@@ -10,7 +10,7 @@ from midnet_bench.agents.graph_patrols import (
     ConscientiousReactive,
     CoordinatedIdleness,
     CyclicRoute,
-    OnGraph,
+    GraphPatrol,
 )
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.patrol import TeamPatrol
@@ -43,7 +43,7 @@ def travel(rule, guards: int, moves: int) -> list[list[Point]]:
 
 
 def test_nodes_are_apart_and_ways_go_around_the_block() -> None:
-    graph = OnGraph(ring(), 1, np.random.default_rng(1))
+    graph = GraphPatrol(ring(), 1, np.random.default_rng(1))
     gaps = np.hypot(*(graph.nodes[:, None] - graph.nodes[None]).transpose(2, 0, 1))
     assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 1.5
     left, right = graph.nearest((-2.5, 0.0)), graph.nearest((2.5, 0.0))

@@ -14,13 +14,11 @@ from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.arena import Behaviour
 from midnet_bench.arena.free_space import FreeSpace
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import Point, lengths
+from midnet_bench.geometry import Floats, Point, lengths
 from midnet_bench.rng import stream
 from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.fleet import CONTROL_HZ, crossed_wall, surfaces
 from midnet_bench.simulation.world import World
-
-Floats = npt.NDArray[np.float64]
 
 HIDE_EVERY_S = 1.0  # how often an intruder that hides checks its place
 HIDING_PLACES = 128  # random places that it chooses from

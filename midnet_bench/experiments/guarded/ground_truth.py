@@ -9,13 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.parameters import Oracle
 from midnet_bench.experiments.robot_trial import RobotTrial
-from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan, Solid
+from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Pose2D, Scan, Solid
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject, touches
@@ -24,8 +23,6 @@ from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 from midnet_bench.simulation.sensors import NOTHING, SOLID, NoiseFreeScan
 
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 ScanCallback = Callable[[Guard, Scan, NoiseFreeScan], None]
 """Called with a scan that was taken into a guard's costmap, and what its beams truly met (m = 1)."""
 

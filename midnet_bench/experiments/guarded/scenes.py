@@ -3,11 +3,11 @@
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
+from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ScoredFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Floats, Pose2D
 
 
 def setup_of(trial: GuardedArena) -> Setup:

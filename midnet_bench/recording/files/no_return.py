@@ -11,7 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.recording.files.readings import Floats, ScanReading
+from midnet_bench.geometry import Floats
+from midnet_bench.recording.files.readings import ScanReading
 
 Meaning = Literal["clears", "nothing"]
 CODES = {

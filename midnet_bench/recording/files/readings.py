@@ -8,11 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Floats, Pose2D
 from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 from midnet_bench.io.map_server import turned
-
-Floats = npt.NDArray[np.float64]
 
 NS = 1_000_000_000
 """nanoseconds in a second: times are whole nanoseconds, which a float of the epoch cannot separate"""

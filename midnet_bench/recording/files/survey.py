@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Floats
 from midnet_bench.recording.files.no_return import found_in
 from midnet_bench.recording.files.readings import (
     NS,
@@ -16,7 +17,6 @@ from midnet_bench.recording.files.readings import (
     SCAN,
     TEXT,
     TF,
-    Floats,
     PoseReading,
     ScanReading,
     Source,

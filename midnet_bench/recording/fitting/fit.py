@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import LidarGeometry, Pose2D
+from midnet_bench.geometry import Floats, LidarGeometry, Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cells_to_unset, values_at
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import spread
@@ -17,7 +17,6 @@ from midnet_bench.recording.plan import Link, Recorded, RobotPlan, geometry_of
 from midnet_bench.recording.poses import PoseInterpolator, PoseTrack, stamp_ns
 from midnet_bench.recording.setup import RecordingSetup
 
-Floats = npt.NDArray[np.float64]
 Points = npt.NDArray[np.complex128]
 """(n,) x + iy, metres: a turn is one product"""
 

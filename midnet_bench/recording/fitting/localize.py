@@ -5,14 +5,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, Scan, wrap_angle
+from midnet_bench.geometry import Floats, Pose2D, Scan, wrap_angle
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of, cells_to_unset
 from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.recording.fitting.fit import Walls
-
-Floats = npt.NDArray[np.float64]
 
 THICKEST_M = 0.3  # a wall that is drawn thicker is solid: its face is where it is
 ON_WALL_M = 0.15  # returns this near to a wall show how thick the walls of a match are

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Floats, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.files.survey import spread
-from midnet_bench.recording.fitting.fit import Fit, Floats, Sample, Walls, fit_of, samples_of
+from midnet_bench.recording.fitting.fit import Fit, Sample, Walls, fit_of, samples_of
 from midnet_bench.recording.fitting.setup_search import (
     DELAY,
     FACTOR,

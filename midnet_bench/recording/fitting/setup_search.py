@@ -13,9 +13,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Floats, Pose2D, wrap_angle
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.fitting.fit import Floats, Points, Sample, Walls
+from midnet_bench.recording.fitting.fit import Points, Sample, Walls
 
 MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
 """numbers of the values that a hypothesis may change"""
