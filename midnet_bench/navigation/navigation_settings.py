@@ -36,7 +36,7 @@ def radii(footprint: Footprint) -> tuple[float, float]:
     return float(lengths(nearest).min()), float(lengths(corners).max())
 
 
-MAX_INFLATION_CELLS = 100  # the time that inflation takes grows with its square
+MAX_INFLATION_CELLS = 100  # what the compiled inflation can count in 16 bits
 
 
 @dataclass(frozen=True)
