@@ -27,7 +27,7 @@ import sys
 import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from importlib.abc import Loader
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import EntryPoint
@@ -36,7 +36,7 @@ from types import CodeType, ModuleType
 from typing import Any, NamedTuple
 
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
-from midnet_bench.settings import Scalar
+from midnet_bench.settings import Scalar, checked_options
 
 EXECUTED = "midnet_bench_reference_"  # begins the names of modules that are read from a user's file or cell
 DIGITS = 12  # of the digests, hexadecimal
@@ -580,12 +580,14 @@ class ExtensionPoint:
             # what may be given by name, behind what is given by position
             given = inspect.signature(found).parameters.values()
             known = {one.name: one.default for one in given if one.default is not one.empty}
-            for key, value in choice.options.items():
+            for key in choice.options:
                 if key not in known:
                     raise self._refusal(choice, f"no option '{key}'{nearest_name(key, list(known))}")
-                is_number = isinstance(known[key], int | float)
-                if choice.place in self.own and is_number and isinstance(value, str):
-                    raise self._refusal(choice, f"{key}: a number is needed (got {value!r})")
+            if isinstance(found, type) and is_dataclass(found):
+                try:
+                    checked_options(found, {**known, **choice.options})
+                except InputError as error:
+                    raise self._refusal(choice, str(error)) from error
         return found
 
 

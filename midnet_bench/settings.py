@@ -108,11 +108,9 @@ class Settings:
         kind: Any = type(self)
         values = {name: getattr(self, name) for name in _model(kind).model_fields}
         try:
-            checked = _model(kind).model_validate(values)
-        except ValueError as error:  # pydantic's, which takes long to import
-            first = cast(Any, error).errors()[0]
-            name, value = first["loc"][0], first["input"]
-            raise InputError(f"{kind.__name__}: {name}: {first['msg']} (got {value!r})") from error
+            checked = checked_options(kind, values)
+        except InputError as error:
+            raise InputError(f"{kind.__name__}: {error}") from error
         for name, value in values.items():
             if (taken := getattr(checked, name)) is not value:
                 object.__setattr__(self, name, taken)
@@ -261,13 +259,26 @@ def without_effect(
     return found
 
 
+def checked_options(kind: type, values: Mapping[str, Any]) -> Any:
+    """Values as the fields that :func:`option` makes in any dataclass want them, as attributes.
+
+    Raises:
+        InputError: ``field: what is wrong``.
+    """
+    try:
+        return _model(kind).model_validate(values)
+    except ValueError as error:  # pydantic's, which takes long to import
+        first = cast(Any, error).errors()[0]
+        raise InputError(f"{first['loc'][0]}: {first['msg']} (got {first['input']!r})") from error
+
+
 def _plain(value: float) -> str:
     """A bound without an exponent where it is a whole number below a thousand million."""
     return f"{value:.0f}" if abs(value) < 1e9 and value == int(value) else f"{value:g}"
 
 
 @functools.cache
-def _model(settings: type[Settings]) -> "type[BaseModel]":
+def _model(settings: type) -> "type[BaseModel]":
     """What checks the options of a class itself, in the types that are declared."""
     from pydantic import ConfigDict, Field, create_model
 

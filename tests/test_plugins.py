@@ -7,13 +7,25 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 
 import pytest
 
 from midnet_bench import plugins
+from midnet_bench.agents.agent_settings import PATROLS
 from midnet_bench.errors import InputError
-from midnet_bench.plugins import DETECTORS, FUSIONS, PluginError, code_in, later, load_reference, read_module
+from midnet_bench.plugins import (
+    DETECTORS,
+    FUSIONS,
+    ExtensionPoint,
+    PluginError,
+    code_in,
+    later,
+    load_reference,
+    read_module,
+)
+from midnet_bench.scoring.metric import METRICS
 
 MINE = """
 class Mine:
@@ -50,6 +62,26 @@ def test_a_name_of_this_package_stands_as_it_is() -> None:
     assert DETECTORS.pinned(" midnet ") == "midnet"
     assert FUSIONS.pinned("tracks( keep_s=1 ,hits=2)") == "tracks(hits=2, keep_s=1)"
     assert FUSIONS.make("suppression(iou=0.5)") is not None
+
+
+OWN = [(point, name) for point in (DETECTORS, FUSIONS, PATROLS, METRICS) for name in point.own]
+
+
+@pytest.mark.parametrize(("point", "name"), OWN, ids=lambda one: getattr(one, "option", one))
+def test_options_of_what_comes_with_the_package_have_ranges(point: ExtensionPoint, name: str) -> None:
+    """Both ends are taken, and what lies beyond is refused by name."""
+    if (place := point.own[name]) is None or not is_dataclass(kind := load_reference(place)):
+        return
+    for one in fields(kind):
+        if not one.init or one.default is MISSING:
+            continue
+        low = one.metadata["limits"].get("ge", 1e-9)  # the others are above 0
+        high = one.metadata["limits"]["le"]
+        for value in (low, high):
+            point.pinned(f"{name}({one.name}={value})")
+        for value in (low - 1, high + 1, "text", "true"):
+            with pytest.raises(InputError, match=f"{one.name}: "):
+                point.pinned(f"{name}({one.name}={value})")
 
 
 def test_a_file_is_known_by_its_name_and_a_digest_of_its_bytes(mine: Path) -> None:
@@ -207,7 +239,7 @@ def test_a_package_whose_entry_points_cannot_be_read_costs_itself_and_a_line(
         ("midnett", "detector: unknown name 'midnett'; did you mean 'midnet'?"),
         ("midnet(thresh_local=3)", "goes by keys"),
         ("midnet#abc", "comes with midnet-bench"),
-        ("clusters(noise_m=0x10)", "noise_m: a number is needed (got '0x10')"),
+        ("clusters(noise_m=0x10)", "noise_m: Input should be a valid number (got '0x10')"),
         ("clusters(noise=1)", "no option 'noise'; did you mean 'noise_m'?"),
         ("clusters(noise_m=nan)", "noise_m: a number is needed"),
         ("clusters(noise_m)", "'noise_m' is no key=value"),

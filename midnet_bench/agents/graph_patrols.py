@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.geometry import Floats, Point, lengths
+from midnet_bench.settings import option
 
 SPEED_MPS = 0.22  # of a Burger at its fastest
 COARSE_M = 0.25  # side of the cells that ways are measured on, in steps to eight neighbours
@@ -22,7 +23,7 @@ class GraphPatrol:
     points: Floats  # (n, 2) where a guard may be sent, each within reach of the others, metres, map frame
     guards: int
     rng: np.random.Generator
-    spacing_m: float = 1.5  # least distance between two of the places
+    spacing_m: float = option(1.5, "Least distance between two of the places.", ge=0.5, le=1000)
 
     def __post_init__(self) -> None:
         cells = np.floor(self.points / COARSE_M).astype(np.int64)
@@ -106,7 +107,9 @@ class CoordinatedIdleness(GraphPatrol):
     Idleness is shared: a node counts as visited when any guard is sent on from it.
     """
 
-    apart_m: float = 3.0
+    apart_m: float = option(
+        3.0, "A node nearer to another guard's goal is taken only if all are.", ge=0, le=1000
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -32,11 +32,13 @@ PLAIN = {
     r"Value error, ": "",
     r"Input should be greater than or equal to (\S+)": r"must be at least \1",
     r"Input should be less than or equal to (\S+)": r"must be at most \1",
-    r"Input should be a valid integer, unable to parse string as an integer": "a whole number is needed",
+    r"Input should be greater than (\S+)": r"must be above \1",
+    r"Input should be a valid integer(, unable to parse string as an integer)?": "a whole number is needed",
+    r"Input should be a valid number(, unable to parse string as a number)?": "a number is needed",
+    r"Input should be a finite number": "a finite number is needed",
     r"Missing argument 'DIR'\.": "give a campaign's folder, such as results/detection",
-    r"Input should be a valid number, unable to parse string as a number": "a number is needed",
 }
-"""what the parser of the command line says -> what a user reads"""
+"""what the parsers of the command line and of settings say -> what a user reads"""
 NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)  # error numbers of a path that cannot be looked up
 
 
@@ -60,13 +62,13 @@ def main() -> None:
         with messages.printing():
             code = _commands()(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
-        if text := _in_plain_words(error):
-            messages.refuse(text)
+        if text := _complaint(error):
+            messages.refuse(_in_plain_words(text))
         code = error.exit_code
     except MidnetBenchError as error:
         if keeps_traceback:
             raise
-        messages.refuse(error)
+        messages.refuse(_in_plain_words(str(error)))
         code = error.exit_code
     except OSError as error:
         # a path that the user gave, wherever it was first used
@@ -81,7 +83,13 @@ def main() -> None:
     sys.exit(code)
 
 
-def _in_plain_words(error: Any) -> str:
+def _in_plain_words(text: str) -> str:
+    for pattern, words in PLAIN.items():
+        text = re.sub(pattern, words, text)
+    return text
+
+
+def _complaint(error: Any) -> str:
     """What is wrong with a command line; of an option of an earlier version, what to give now."""
     text = error.format_message()
     option, context = getattr(error, "option_name", ""), getattr(error, "ctx", None)
@@ -89,6 +97,4 @@ def _in_plain_words(error: Any) -> str:
         text = f"{option}: write '{key}: ...' into setup.yaml and give --setup setup.yaml"
     elif option in MOVED_OPTIONS:
         text = f"{option}: now {MOVED_OPTIONS[option]}"
-    for pattern, words in PLAIN.items():
-        text = re.sub(pattern, words, text)
-    return text
+    return str(text)

@@ -74,7 +74,7 @@ def export(
             None, "detection, labyrinth, or the folder of a campaign of one of them.", completion.exported
         ),
     ],
-    bag_format: str = "mcap",
+    bag_format: str | None = None,
     robots: int | None = None,
     seed: int | None = None,
     where: options.Where = None,
@@ -91,7 +91,8 @@ def export(
     topics. Of a campaign's folder --seed, --robots and --where name the trial.
 
     Options:
-        bag_format --format NAME: mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file).
+        bag_format --format NAME: mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file);
+            default by the name of -o, else mcap.
         robots N: Security robots (default 5).
         seed N>=0: The trial's seed (default 1).
         output PATH: The file, or the folder of ros2 (default results/export-...).
@@ -99,10 +100,11 @@ def export(
     from midnet_bench.cli.progress import meter
     from midnet_bench.experiments import registry
     from midnet_bench.io.files import plain_name
-    from midnet_bench.recording.files.writer import ending_of
+    from midnet_bench.recording.files.writer import ending_of, format_of
     from midnet_bench.workflows.export import export_trial, trial_of
 
-    ending = ending_of(bag_format)
+    ending = ending_of(bag_format or "mcap")
+    bag_format = format_of(output or Path(f"trial{ending}"), bag_format)
     if Path(trial).is_dir():
         if frames is not None or engine or map_file or settings:
             raise InputError(

@@ -17,6 +17,7 @@ from midnet_bench.geometry import Floats, Indices, Scan, lengths, mean_point
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_to_unset, values_at
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.settings import option
 
 STRAIGHT = 1e-12
 """A piece is straight where its scatter's determinant is below this share of its trace squared."""
@@ -70,14 +71,13 @@ class _ScanDetector(ABC):
 class MapSubtraction(_ScanDetector):
     """Returns more than ``tolerance_m`` from a mapped wall, grouped where neighbours are within ``gap_m``.
 
-    A group of fewer than ``min_returns`` is dropped. A box has ``margin_m`` around its returns. What lies
-    beyond the map is no intruder.
+    What lies beyond the map is no intruder.
     """
 
-    tolerance_m: float = 0.15
-    gap_m: float = 0.2
-    min_returns: int = 1
-    margin_m: float = 0.05
+    tolerance_m: float = option(0.15, "A return that is nearer to a mapped wall is the wall's.", ge=0, le=100)
+    gap_m: float = option(0.2, "Neighbours farther apart are of two groups.", ge=0, le=100)
+    min_returns: int = option(1, "A group of fewer is dropped.", ge=1, le=10_000)
+    margin_m: float = option(0.05, "A box reaches so far beyond its returns.", ge=0, le=10)
 
     def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
         _, points = scan.returns(self.range_m)
@@ -97,11 +97,17 @@ class CircleClusters(_ScanDetector):
     them, plus three deviations of the range.
     """
 
-    incidence_deg: float = 10.0  # lambda of the breakpoints, more than the angle between two beams
-    noise_m: float = 0.01  # deviation of a range
-    tolerance_m: float = 0.15  # a piece whose median return is nearer to a mapped wall is the wall
-    max_radius_m: float = 0.3  # a larger circle is not believed; the piece's extent is taken
-    min_returns: int = 2  # a piece of fewer is dropped
+    incidence_deg: float = option(
+        10.0, "Lambda of the breakpoints, more than the angle between two beams.", gt=0, le=90
+    )
+    noise_m: float = option(0.01, "Standard deviation of a range.", ge=0, le=10)
+    tolerance_m: float = option(
+        0.15, "A piece whose median return is nearer to a mapped wall is the wall.", ge=0, le=100
+    )
+    max_radius_m: float = option(
+        0.3, "A larger circle is not believed; the piece's extent is taken.", ge=0, le=100
+    )
+    min_returns: int = option(2, "A piece of fewer is dropped.", ge=1, le=10_000)
 
     def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
         # what is out of range cuts too: it tells an intruder from the wall beside it
@@ -152,9 +158,11 @@ class RunningMean(_ScanDetector):
     its own.
     """
 
-    memory_s: float = 10.0  # time constant: a cell that was free for long is background after 0.69 of it
-    tolerance_m: float = 0.15  # how far a return may be off a cell of the background
-    min_cells: int = 1  # a blob of fewer cells is dropped
+    memory_s: float = option(
+        10.0, "Time constant: a cell that was free for long is background after 0.69 of it.", gt=0, le=1e6
+    )
+    tolerance_m: float = option(0.15, "A return may be so far off a cell of the background.", ge=0, le=2)
+    min_cells: int = option(1, "A blob of fewer cells is dropped.", ge=1, le=1_000_000)
     _means: dict[int, npt.NDArray[np.float32]] = field(default_factory=dict, init=False)
     _stamps_s: dict[int, float] = field(default_factory=dict, init=False)
 

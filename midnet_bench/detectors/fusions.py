@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from midnet_bench.detectors.tracking import Tracker, most_pairs
 from midnet_bench.geometry import Floats, Indices, lengths, mean_point
 from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.settings import option
 
 
 class Fusion(Protocol):
@@ -29,6 +30,10 @@ class Fusion(Protocol):
         Returns:
             (n, 4) boxes, or an empty list.
         """
+
+
+def _least_iou() -> Any:
+    return option(0.1, "Boxes that overlap by this IoU (Eq. 7) or more are one thing's.", gt=0, le=1)
 
 
 def ious(some: BoxArray, others: BoxArray) -> Floats:
@@ -69,7 +74,7 @@ class NonMaximumSuppression:
     Boxes have no score here, so size stands for it: a robot that sees more of an intruder has the larger box.
     """
 
-    iou: float = 0.1
+    iou: float = _least_iou()
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The boxes that nothing larger takes out, whatever the time is."""
@@ -86,12 +91,16 @@ class NonMaximumSuppression:
 class ConnectedComponents:
     """Boxes that overlap by ``iou`` or more, directly or by others between them, become one around all.
 
-    ``gap_m``: so do boxes with no more than this between their sides, such as two legs; 0: only by ``iou``.
     A k-d tree finds those that can overlap, so that time grows with the team and not with its square.
     """
 
-    iou: float = 0.1
-    gap_m: float = 0.0
+    iou: float = _least_iou()
+    gap_m: float = option(
+        0.0,
+        "So do boxes with no more than this between their sides, such as two legs; 0: none.",
+        ge=0,
+        le=100,
+    )
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """One box for each component, whatever the time is."""
@@ -127,7 +136,7 @@ class WeightedBoxes:
     detection models", Image and Vision Computing 107 (2021). Boxes have no score here: each weighs the same.
     """
 
-    iou: float = 0.1
+    iou: float = _least_iou()
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The means, whatever the time is."""
@@ -152,7 +161,7 @@ class CentreDistance:
     Pairs by the Hungarian method. The order of the robots matters here.
     """
 
-    gap_m: float = 0.3
+    gap_m: float = option(0.3, "Boxes whose centres are farther apart are no pair.", ge=0, le=100)
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """One box for each thing, whatever the time is."""
@@ -169,16 +178,19 @@ class CentreDistance:
         return team
 
 
+@dataclass
 class KalmanTracks:
     """Connected components, followed from frame to frame by constant velocity (``detectors/tracking.py``).
 
-    A track is reported from its ``hits``-th box on, and ends ``keep_s`` after its last one. A box that is
-    reported without being seen stays where it was last.
+    A box that is reported without being seen stays where it was last.
     """
 
-    def __init__(self, hits: int = 3, keep_s: float = 0.5, iou: float = 0.1) -> None:
-        self._hits, self._keep_s = hits, keep_s
-        self._components, self._tracker = ConnectedComponents(iou), Tracker()
+    hits: int = option(3, "A track is reported from this box of it on.", ge=1, le=1_000_000)
+    keep_s: float = option(0.5, "A track ends so long after its last box, seconds.", ge=0, le=1e6)
+    iou: float = _least_iou()
+
+    def __post_init__(self) -> None:
+        self._components, self._tracker = ConnectedComponents(self.iou), Tracker()
         self._seen: dict[int, tuple[BoxArray, float, int]] = {}  # track -> its last box, when, how many
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
@@ -189,8 +201,8 @@ class KalmanTracks:
             times = self._seen[number][2] if number in self._seen else 0
             self._seen[number] = (box, time_s, times + 1)
         for number, (_, seen_s, _) in list(self._seen.items()):
-            if time_s - seen_s > self._keep_s + 1e-9:
+            if time_s - seen_s > self.keep_s + 1e-9:
                 self._tracker.drop(number)
                 del self._seen[number]
-        reported = [box for box, _, times in self._seen.values() if times >= self._hits]
+        reported = [box for box, _, times in self._seen.values() if times >= self.hits]
         return np.array(reported, dtype=np.float64).reshape(-1, 4)

@@ -13,6 +13,11 @@ from scipy.optimize import linear_sum_assignment
 from midnet_bench.detectors.tracking import Events, Tracker
 from midnet_bench.geometry import Box, Floats, lengths
 from midnet_bench.scoring.metric import MetricFrame
+from midnet_bench.settings import option
+
+
+def _cutoff_m() -> Any:
+    return option(1.0, "A box farther from an intruder, centre to centre, is not on it.", gt=0, le=1000)
 
 
 @dataclass
@@ -24,7 +29,7 @@ class Ospa:
     Intruders out of range and boxes on them are left out.
     """
 
-    cutoff_m: float = 1.0
+    cutoff_m: float = _cutoff_m()
 
     def frame(self, seen: MetricFrame) -> dict[str, float]:
         """``ospa_m``, metres; 0 where neither a box nor an intruder is."""
@@ -78,12 +83,11 @@ class Idleness:
     Machado, Ramalho, Zucker and Drogoul, "Multi-agent patrolling: an empirical analysis of alternative
     architectures", MABS 2002; used to compare patrols by Portugal and Rocha, "Multi-robot patrolling
     algorithms: examining performance and scalability", Advanced Robotics 27 (2013). The places are those
-    where a guard may be sent, one in each square of ``spacing_m``. One is visited while a guard is within
-    ``reach_m`` of it, walls or not. At the start all have just been visited.
+    where a guard may be sent, one in each square. At the start all have just been visited.
     """
 
-    reach_m: float = 1.0
-    spacing_m: float = 0.5
+    reach_m: float = option(1.0, "A guard this near visits a place, walls or not.", gt=0, le=1000)
+    spacing_m: float = option(0.5, "Side of the squares that have one place each.", ge=0.05, le=1000)
     _visited_s: Floats | None = field(default=None, init=False)
     _longest_s: float = field(default=0.0, init=False)
 
@@ -105,25 +109,26 @@ class Idleness:
         return {"longest_idleness_s": self._longest_s}
 
 
+@dataclass
 class ClearMot:
     """How well the team's boxes tell intruders apart over time.
 
     Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics",
     EURASIP Journal on Image and Video Processing (2008); Ristani et al., "Performance measures and a data set
     for multi-target, multi-camera tracking", ECCV workshops 2016, for identities. Boxes have no identity of
-    their own, so they get those of the tracks that guards pursue (``detectors/tracking.py``). A box farther
-    than ``cutoff_m`` from an intruder, centre to centre, is not on it. Intruders out of range and boxes on
-    them are left out.
+    their own, so they get those of the tracks that guards pursue (``detectors/tracking.py``). Intruders out
+    of range and boxes on them are left out.
     """
 
-    def __init__(self, cutoff_m: float = 1.0) -> None:
+    cutoff_m: float = _cutoff_m()
+
+    def __post_init__(self) -> None:
         import motmetrics
 
         motmetrics.lap.default_solver = "scipy"  # unasked it takes whichever happens to be installed
         self._motmetrics: Any = motmetrics
         self._events = motmetrics.MOTAccumulator(auto_id=True)
         self._tracker = Tracker()
-        self._cutoff_m = cutoff_m
         self._numbers: dict[str, int] = {}
         """of the intruders, since motmetrics takes no names"""
 
@@ -133,7 +138,7 @@ class ClearMot:
         near = [truth for truth, counts in zip(seen.truths, seen.in_range, strict=True) if counts]
         gaps_m = np.array([[math.dist(truth.center, place) for place in places] for truth in near])
         gaps_m = gaps_m.reshape(len(near), len(places))
-        gaps_m[gaps_m > self._cutoff_m] = np.nan
+        gaps_m[gaps_m > self.cutoff_m] = np.nan
         tracks = self._tracker.update(places, seen.time_s)
         numbers = [self._numbers.setdefault(truth.name, len(self._numbers)) for truth in near]
         self._events.update(numbers, tracks, gaps_m)

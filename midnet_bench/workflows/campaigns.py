@@ -64,6 +64,8 @@ def campaign_file(name_or_path: str | Path) -> Path:
     what = f"neither a campaign file nor a packaged campaign{nearest_name(name, packaged)}"
     if path.stem in packaged:
         what = f"there is no such file; 'midnet-bench run {path.stem}' runs the packaged campaign"
+    elif name and path.exists():
+        what = "is no ordinary file; give a campaign's .yaml"
     elif path.suffix or path.name != name:
         what = "there is no such file; the path starts from the working folder"
     raise InputError(f"{name}: {what}")

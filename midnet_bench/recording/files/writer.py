@@ -53,11 +53,18 @@ _VISION_MSGS = {
 """what rosbags does not know, for ROS 1 and ROS 2"""
 
 
-def format_of(path: Path) -> str:
-    """Which of the formats a bag's name stands for. Raises InputError: none."""
-    for bag_format, ending in ENDINGS.items():
-        if path.suffix == ending:
-            return bag_format
+def format_of(path: Path, given: str | None = None) -> str:
+    """The format of a bag: the ``given`` one, else what its name stands for.
+
+    Raises InputError: the name stands for none, or for another one.
+    """
+    named = next((bag_format for bag_format, ending in ENDINGS.items() if path.suffix == ending), None)
+    if given is not None:
+        if path.suffix and named not in (None, given):
+            raise InputError(f"{path}: is the name of a {named} bag; --format {given} is another")
+        return given
+    if named is not None:
+        return named
     raise InputError(f"{path}: is no bag's name; end it in .mcap or .bag, or in nothing for a ROS 2 folder")
 
 
