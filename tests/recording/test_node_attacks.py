@@ -52,9 +52,9 @@ class Raw(NamedTuple):
 
 
 @cache
-def drive(frames: int) -> list[Raw]:
+def whole_drive() -> list[Raw]:
     """What a team of three says in a trial, on the topics that a node listens to."""
-    team: dict[str, Scalar] = {"robots": len(NAMES), "frames": frames, "engine": "fast"}
+    team: dict[str, Scalar] = {"robots": len(NAMES), "frames": 60, "engine": "fast"}
     listened = OPTIONS.topics(True)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drive.bag"
@@ -65,6 +65,11 @@ def drive(frames: int) -> list[Raw]:
                 for connection, stamp_ns, raw in bag.messages()
                 if connection.topic in listened
             ]
+
+
+def drive(frames: int) -> list[Raw]:
+    """Its first frames."""
+    return [one for one in whole_drive() if one.arrived_ns <= 1000 * NS + frames * NS // 5]
 
 
 class Node(NamedTuple):
@@ -186,15 +191,20 @@ EVERY = [(kind, name) for kind, made in MALFORMED.items() for name in made]
 
 
 def with_malformed(sound: list[Raw], count: int) -> Iterator[Raw]:
-    """These messages and so many malformed ones among them, each stamped a little later than a sound one."""
+    """These messages and so many malformed ones among them, each stamped a little later than a sound one.
+
+    Each way to be malformed comes as often as any other.
+    """
     rng = random.Random(count)
     samples = {kind: [one for one in sound if one.kind == kind] for kind in MALFORMED}
     places = sorted(rng.randrange(1, len(sound)) for _ in range(count))
+    ways = [EVERY[number % len(EVERY)] for number in range(count)]
+    rng.shuffle(ways)
     for number, one in enumerate(sound):
         yield one
         while places and places[0] == number:
             places.pop(0)
-            kind, name = rng.choice(EVERY)
+            kind, name = ways.pop()
             before = [said for said in samples[kind] if said.arrived_ns <= one.arrived_ns]
             template = before[-1] if before else samples[kind][0]
             if kind in (SCAN, POSE):
@@ -203,63 +213,56 @@ def with_malformed(sound: list[Raw], count: int) -> Iterator[Raw]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frames", [24, 160])
-def test_a_tenth_of_the_messages_is_malformed(frames: int) -> None:
-    sound = drive(frames)
+def test_malformed_messages_among_sound_ones_change_no_frame() -> None:
+    sound = drive(50)
     wanted = node_of(sound)
-    assert len(wanted.frames) == frames - 1
+    assert len(wanted.frames) == 49
     assert wanted.warnings == []
-    found = node_of(list(with_malformed(sound, frames)))
+    found = node_of(list(with_malformed(sound, 2 * len(EVERY))))
     assert found.frames == wanted.frames
-    lasts_min = 1 + frames // 300
-    assert 1 <= len(found.warnings) <= 14 * lasts_min
+    assert 1 <= len(found.warnings) <= 14
     assert all(len(line) < 200 and line.isprintable() for line in found.warnings)
 
 
 @pytest.fixture(scope="module")
 def few() -> tuple[list[Raw], list[bytes]]:
     """Sound messages, and the frames of a node that hears no others."""
-    sound = drive(6)
+    sound = drive(4)
     return sound, node_of(sound).frames
 
 
+# bytes that cannot be unpacked go the same way whatever the topic is
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "name"), EVERY)
-@pytest.mark.parametrize("place", ["first", "later"])
-def test_one_malformed_message(kind: str, name: str, place: str, few: tuple[list[Raw], list[bytes]]) -> None:
+@pytest.mark.parametrize(("kind", "name"), [one for one in EVERY if one[0] == SCAN or one[1] not in ANY])
+def test_a_malformed_message_comes_first(kind: str, name: str, few: tuple[list[Raw], list[bytes]]) -> None:
     sound, frames = few
     template = next(one for one in sound if one.kind == kind)
-    at = sound.index(template) if place == "first" else len(sound) // 2
-    if place == "later":
-        template = next((one for one in sound[at::-1] if one.kind == kind), template)
-    if place == "later" and kind in (SCAN, POSE):
-        template = stamped(template, 0.001)
+    at = sound.index(template)
     bad = MALFORMED[kind][name](template)._replace(arrived_ns=sound[at].arrived_ns)
     found = node_of([*sound[:at], bad, *sound[at:]])
     assert found.frames == frames
-    assert len(found.frames) == 5
-    if (place, kind, name) != ("later", MAP, "empty"):
-        assert len(found.warnings) <= 1
+    assert len(found.frames) == 3
+    assert len(found.warnings) <= 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("by_s", [FIFTY_YEARS_S, 3600.0, -3600.0])
+@pytest.mark.parametrize("by_s", [FIFTY_YEARS_S, -3600.0])
 def test_a_clock_that_is_set_costs_a_second_or_two(by_s: float) -> None:
     def later(one: Raw, by_s: float) -> Raw:
         return stamped(stamped(one, 7200.0), by_s) if one.kind in (SCAN, POSE) else one
 
-    sound = drive(60)
+    sound = drive(40)
     middle_ns = sound[len(sound) // 2].arrived_ns
     found = node_of([later(one, 0.0 if one.arrived_ns < middle_ns else by_s) for one in sound])
     stamps_s = [int.from_bytes(frame[8:12], "little") - 7200 for frame in found.frames]
-    assert sum(0 <= stamp_s < 12 for stamp_s in stamps_s) >= 28
-    assert sum(0 <= stamp_s - by_s < 12 for stamp_s in stamps_s) >= 20
+    assert sum(0 <= stamp_s < 8 for stamp_s in stamps_s) >= 18
+    assert sum(0 <= stamp_s - by_s < 8 for stamp_s in stamps_s) >= 13
 
 
 @pytest.mark.slow
 def test_a_robot_whose_clock_is_off_does_not_silence_the_others() -> None:
-    sound = drive(60)
+    sound = drive(30)
     off = [stamped(one, FIFTY_YEARS_S) if one.topic.startswith("/guard_2/") else one for one in sound]
     found = node_of(off)
-    assert len(found.frames) >= 45
+    assert len(found.frames) >= 20
     assert len(found.warnings) == 1
