@@ -310,10 +310,12 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
     from midnet_bench.experiments.registry import parameters_model
     from midnet_bench.settings import leaves
 
-    known = leaves(parameters_model(experiment))
+    given = {key: values for key, values in given.items() if values is not None}
+    # without any, resolving the campaign says what is wrong with its experiment, and in which file
+    known = leaves(parameters_model(experiment)) if given else {}
     for key, values in given.items():
         named = option.format(key=OPTION_OF.get(key, key))
-        if values is None or (key not in known and option.endswith("=")):
+        if key not in known and option.endswith("="):
             continue  # of an unknown setting, resolving the campaign names the nearest keys
         if key not in known:
             raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")

@@ -12,7 +12,18 @@ import pandas as pd
 
 from midnet_bench.agents.agent_settings import PATROLS, PURSUITS
 from midnet_bench.analysis import compare as analysis
-from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, BySeed, Compared, Key, joined, label, series
+from midnet_bench.analysis.compare import (
+    BOUNDS,
+    MEASURE,
+    SCOPE,
+    WORSE,
+    BySeed,
+    Compared,
+    Key,
+    joined,
+    label,
+    series,
+)
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table, in_words, signed, team_in_words
@@ -146,9 +157,20 @@ def _is_same_number(text: str, other: str) -> bool:
 
 
 def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str]) -> pd.DataFrame:
-    """The main scores of parts of campaigns in one frame, with a column ``by`` for each place of the key."""
+    """The main scores of parts of campaigns in one frame, with a column ``by`` for each place of the key.
+
+    A column that is no factor, such as robots, and has one value in each part and not the same in all, goes:
+    the parts' own variant or campaign sets it, and it would leave no cell that two parts share.
+    """
     assert record.measures is not None
-    return joined({key: record.measures(part) for key, part in parts.items()}, by)
+    frames = {key: record.measures(part) for key, part in parts.items()}
+    frame, factors = joined(frames, by), {SCOPE, *(name for part in parts.values() for name in part.factors)}
+    set_by_parts = []
+    for name in _cell_columns(frame, [*by, *factors]):
+        values = [set(one[name].dropna()) for one in frames.values() if name in one]
+        if len(set().union(*values)) > 1 and all(len(each) < 2 for each in values):
+            set_by_parts.append(name)
+    return frame.drop(columns=set_by_parts)
 
 
 def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
@@ -506,8 +528,14 @@ def _compared_values(results: Results, record: Experiment) -> tuple[Table, "Figu
         estimate = seed_mean(record, one.measure, one.values)
         means.setdefault(one.measure, {}).setdefault(one.cell, {})[value] = estimate
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
-    hidden = (*HIDDEN, "value", "baseline")
-    table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=_notes(compared), beside=hidden)
+    hidden, known = (*HIDDEN, "value", "baseline"), list(dict.fromkeys(frame[MEASURE]))
+    notes = [
+        f"compare.measures: there is no score '{one}'{nearest_name(one, known)}"
+        for one in preset.measures
+        if one not in known
+    ]
+    notes += _notes(compared)
+    table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, beside=hidden)
     from midnet_bench.drawing.charts import scores_figure
 
     return table, scores_figure(preset.by, means, baseline=baseline)

@@ -28,6 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ).close()
     (place / "mine.py").write_text(TWO_CLASSES)
     (place / "empty.py").write_text("x = [\n")
+    (place / "other.yaml").write_text("experiment: Detection\n")
     (place / "plan.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
     (place / "folder.yaml").mkdir()
     write_arena(place).rename(place / "crowded.yaml")
@@ -109,6 +110,7 @@ WRONG: list[tuple[str, str]] = [
     ("run campaigns/labyrinth.yaml", "'midnet-bench run labyrinth'"),
     ("run mine.yaml", "working folder"),
     ("run results", "results: is no ordinary file"),
+    ("run other.yaml", "other.yaml: experiment: unknown name 'Detection'; did you mean 'detection'?"),
     ("detection --fusion components(iou=2) -n", "components(iou=2): iou: must be at most 1 (got 2)"),
     ("detection --detector background(memory_s=0) -n", "memory_s: must be above 0 (got 0)"),
     ("detection --set thresh_local=nan -n", "thresh_local: a whole number is needed (got 'nan')"),

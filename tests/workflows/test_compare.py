@@ -3,11 +3,14 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.workflows.compare import compare, names_of, worse
+from midnet_bench.experiments.registry import tables_of
+from midnet_bench.workflows.compare import compare, names_of, sweeps, worse
 from midnet_bench.workflows.report import write_comparison
+from tests.conftest import campaign_folder
 from tests.stores import Caught, detection_store, labyrinth_store
 
 SMALL: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 2]}
@@ -228,3 +231,23 @@ def test_the_settings_that_differ_are_named(tmp_path: Path) -> None:
     (row,) = compared(same, more)["settings"].rows
     assert row == {"setting": "trials", "a": "1", "b": "2"}
     assert compared(same, one_robot(tmp_path / "c", {1: 0.1}))["settings"].title == "No setting differs"
+
+
+def test_variants_that_set_the_team_s_size_are_compared(tmp_path: Path) -> None:
+    folder = campaign_folder(
+        tmp_path / "teams",
+        experiment="detection",
+        variants={"one": {"robots": 1}, "two": {"robots": 2}},
+        trials=2,
+        parameters={"frames": 3, "engine": "fast"},
+        compare={"measures": ["recall", "recal"]},
+    )
+    found = compare([folder], by="variant")
+    assert [row["trial"] for row in found.differences.rows] == [""] * 5
+    results = load_results(folder, tables_of)
+    scores = results.tables["scores"].set_index(["variant", "seed"])
+    (recall,) = [row for row in found.differences.flat_rows() if row["measure"] == "recall"]
+    assert recall["variant=two"] == pytest.approx(float(scores.loc["two"].recall.mean()))
+    ((table, _),) = sweeps(results)
+    assert [row["variant"] for row in table.rows] == ["two"]
+    assert "compare.measures: there is no score 'recal'; did you mean 'recall'?" in table.notes
