@@ -288,18 +288,18 @@ def test_a_folder_that_names_what_may_never_end(named: str, kind: str, tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("given", [("--background", "first-1"), ("--map", "/map")])
-@pytest.mark.parametrize("far_m", [1e300, -1e300, 9e6, 1e8])
-def test_poses_that_lie_beyond_all(far_m: float, given: tuple[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("given", "far_m"), [("background: first-1", 9e6), ("map: /map", 9e6), ("map: /map", -1e300)]
+)
+def test_poses_that_lie_beyond_all(given: str, far_m: float, tmp_path: Path) -> None:
     poses = made.pose_messages(DRIVE)
     for number in (0, 3, 7, 8):
-        kind, said = poses[number].message
-        position = {**said["pose"]["position"], "x": far_m}
-        moved = {**said, "pose": {**said["pose"], "position": position}}
-        poses[number] = poses[number]._replace(message=Message(kind, moved))
+        pose = poses[number].message.fields["pose"]
+        moved = {**pose, "position": {**pose["position"], "x": far_m}}
+        poses[number] = made.edited(poses[number], pose=moved)
     bag = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *poses])
     setup = tmp_path / "setup.yaml"
-    setup.write_text(f"{given[0][2:]}: {given[1]}\npose: /pose\nmount: [0.1, 0.02, 2.86]\n")
+    setup.write_text(f"{given}\npose: /pose\nmount: [0.1, 0.02, 2.86]\n")
     for check in ((), ("--check",)):
         with soon():
             done = midnet_bench("replay", bag, "--setup", setup, "-o", "out", *check, folder=tmp_path)
@@ -319,32 +319,32 @@ def test_a_laser_that_sits_far_off_its_robot(far_m: float, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["translation", "rotation"])
-@pytest.mark.parametrize("number", [0.0, 1e300, math.nan, math.inf])
-@pytest.mark.parametrize("link", [0, 1, 2])
-def test_transforms_that_are_none(link: int, number: float, part: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("part", "number"),
+    [("translation", 1e300), ("translation", math.inf), ("rotation", 0.0), ("rotation", math.nan)],
+)
+@pytest.mark.parametrize("link", [("base_link", "laser"), ("odom", "base_link"), ("map", "odom")])
+def test_transforms_that_are_none(link: tuple[str, str], part: str, number: float, tmp_path: Path) -> None:
     found = made.tf_messages(DRIVE)
-    for at in [0] if link == 0 else range(1, 16) if link == 1 else range(16, len(found)):
-        kind, said = found[at].message
-        (one,) = said["transforms"]
-        keys = ("x", "y", "z", "w") if part == "rotation" else ("x", "y")
-        one = {**one, "transform": {**one["transform"], part: dict.fromkeys(keys, number)}}
-        found[at] = found[at]._replace(message=Message(kind, {"transforms": [one]}))
+    for at, said in enumerate(found):
+        (one,) = said.message.fields["transforms"]
+        if (one["header"]["frame_id"], one["child_frame_id"]) == link and (at == 0 or at % 5):
+            keys = ("x", "y", "z", "w") if part == "rotation" else ("x", "y")
+            one = {**one, "transform": {**one["transform"], part: dict.fromkeys(keys, number)}}
+            found[at] = made.edited(said, transforms=[one])
     bag = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *found])
-    for arguments in ((), ("--map", "/map", "--pose", "tf"), ("--map", "/map", "--pose", "tf", "--check")):
+    for arguments in ((), ("--map", "/map", "--pose", "tf")):
         done = midnet_bench("replay", bag, *arguments, "-o", "out", folder=tmp_path)
         check_taken_or_refused(done)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["/a\x1b]0;taken\x07", "/b\x1b[2J\x1b[H", "/c\r/hidden", "/d\u202egab", "/e\n/f"]
-)
-def test_names_with_control_characters_are_escaped(name: str, tmp_path: Path) -> None:
+def test_names_with_control_characters_are_escaped(tmp_path: Path) -> None:
+    name = "/a\x1b]0;taken\x07\x1b[2J\x1b[H\r\u202egab\nf"
     scans = made.scan_messages(DRIVE, topic=name, frame=f"laser{name}")
     more = made.scan_messages(DRIVE, topic=f"{name}2")
     messages = [made.map_message(), *scans, *more, *made.pose_messages(DRIVE, topic=f"{name}/pose")]
-    bag = made.write_bag(tmp_path, messages, name=f"b{name[2:].replace('/', '')}")
+    bag = made.write_bag(tmp_path, messages, name=f"b{name[2:]}")
     for arguments in ((), ("--wide",), ("--json",), ("--map", "/map")):
         done = midnet_bench("replay", bag, *arguments, folder=tmp_path)
         assert done.returncode in (0, 2), done.stderr
@@ -364,7 +364,7 @@ def left_by_a_kill(code: str, folder: Path, pattern: str) -> list[Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("bag_format", ["mcap", "ros1", "ros2"])
+@pytest.mark.parametrize("bag_format", ["mcap", "ros2"])  # a file, a folder
 def test_the_draft_of_a_killed_export_is_gone_after_the_next(bag_format: str, tmp_path: Path) -> None:
     code = (
         "from pathlib import Path\nfrom midnet_bench.recording.files.writer import bag_writer\n"
@@ -400,7 +400,7 @@ def test_what_a_killed_reader_of_results_left_is_gone_after_the_next(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("heading", ["inf", "-inf", "nan", "1e308"])
+@pytest.mark.parametrize("heading", ["inf", "1e308"])
 def test_a_table_whose_poses_turn_without_end(heading: str, tmp_path: Path) -> None:
     table = made.write_scan_table(tmp_path / "t.csv", DRIVE, with_poses=True)
     head, first, *lines = table.read_text().splitlines()

@@ -68,7 +68,7 @@ def test_frames_are_those_of_the_trial(said: list[Said]) -> None:
     assert same >= FRAMES - 3
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_order_between_topics_does_not_matter(said: list[Said], seed: int) -> None:
     rng, chosen = np.random.default_rng(seed), options()
     by_topic = {topic: [one for one in said if one.topic == topic] for topic in chosen.topics(needs_map=True)}
@@ -203,7 +203,7 @@ def test_a_node_that_waits_takes_no_more_memory(said: list[Said], monkeypatch: p
     scan = next(one.message for one in said if one.topic == "/guard_1/scan")
     short = replace(scan, ranges=scan.ranges[:2], angle_increment=scan.angle_max - scan.angle_min)
     tracemalloc.start()
-    for number in range(1_200):
+    for number in range(800):
         stamp_ns = number * NS // 20
         stamp = replace(scan.header.stamp, sec=stamp_ns // NS, nanosec=stamp_ns % NS)
         scan = replace(short, header=replace(short.header, stamp=stamp))
@@ -211,7 +211,7 @@ def test_a_node_that_waits_takes_no_more_memory(said: list[Said], monkeypatch: p
         other = SimpleNamespace(header=scan.header, child_frame_id=f"frame_{number}", transform=STILL)
         node.hear("/tf", SimpleNamespace(transforms=[wheel, other]), stamp_ns / NS)
         node.hear("/guard_1/scan", scan, stamp_ns / NS)
-        if number in (600, 1_199):
+        if number in (400, 799):
             held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert held[1] < 1.05 * held[0]

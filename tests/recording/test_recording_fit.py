@@ -44,6 +44,12 @@ def turning():
 
 
 @pytest.fixture(scope="module")
+def proposal(turning, map_of_room):
+    """What is found where the mount of a drive that turns was left out."""
+    return find_setup(turning, map_of_room)
+
+
+@pytest.fixture(scope="module")
 def recordings():
     pytest.importorskip("rosbags", reason="bags are read by rosbags")
     return {name: (recorded_samples(name), load_map(RECORDINGS / name / "map.yaml")) for name in NAMES}
@@ -117,7 +123,7 @@ def test_a_setup_says_where_the_frame_of_the_poses_lies_in_the_maps(turning, map
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "beams", "view"),
-    [("turns", 180, math.pi), ("straight", 360, 2.0 * math.pi), ("rest", 1000, 1.5 * math.pi)],
+    [("turns", 180, math.pi), ("rest", 1000, 1.5 * math.pi)],
 )
 def test_a_right_setup_fits_and_nothing_is_proposed(kind, beams, view, map_of_room):
     samples = mounted(drive(kind, beams=beams, view=view), MOUNT)
@@ -131,12 +137,11 @@ def test_a_right_setup_fits_and_nothing_is_proposed(kind, beams, view, map_of_ro
 
 
 @pytest.mark.slow
-def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
+def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room, proposal):
     told = verdict(turning, map_of_room)
     assert not told.fits
     assert told.kinds == ("mount",)
     assert "mount: [0." in told.lines[0]
-    proposal = find_setup(turning, map_of_room)
     assert proposal.found.kinds == ("mount",)
     assert not proposal.alike  # the drive turns
     assert proposal.found.mount == pytest.approx(MOUNT, abs=0.02)
@@ -151,7 +156,6 @@ def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
 @pytest.mark.parametrize(
     ("view", "mount", "given", "kinds"),
     [
-        (math.tau, BARE, BARE, ("delay",)),
         (math.pi, MOUNT, MOUNT, ("delay",)),
         (math.tau, MOUNT, BARE, ("mount", "delay")),
     ],
@@ -167,14 +171,14 @@ def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, give
 
 
 @pytest.mark.slow
-def test_what_a_straight_drive_or_a_robot_at_rest_cannot_tell_is_said(turning, map_of_room):
+def test_what_a_straight_drive_or_a_robot_at_rest_cannot_tell_is_said(map_of_room, proposal):
     straight = find_setup(mounted(drive("straight", delay_s=0.1), MOUNT), map_of_room).cannot_tell
     assert any("a scan delay of 0.1 s looks like a mount that is off by x 0.02" in each for each in straight)
     assert any("the heading hardly changes" in each for each in straight)
     rest = find_setup(mounted(drive("rest"), MOUNT), map_of_room)
     assert any("hardly moves" in each for each in rest.cannot_tell)
     assert rest.ranges["scan delay"].is_open
-    assert find_setup(turning, map_of_room).cannot_tell == ()
+    assert proposal.cannot_tell == ()
 
 
 def test_at_rest_a_mount_cannot_be_told_from_a_moved_map(map_of_room):
@@ -191,11 +195,10 @@ def test_a_mirrored_scan_and_whole_turns_are_noted(turning, map_of_room):
     assert told.kinds == ("mirror", "mount")
     assert "mirrored: true; mount: [0." in told.lines[0]
     assert "mirrored: false" in verdict(samples, map_of_room, mirrored=True).lines[0]
-    for degrees in (90, 180):
-        turned = MOUNT._replace(yaw=MOUNT.yaw - math.radians(degrees))
-        told = verdict(mounted(turning, turned), map_of_room)
-        assert told.kinds == ("turn",)
-        assert f"turned by {degrees} degrees" in told.lines[0]
+    turned = MOUNT._replace(yaw=MOUNT.yaw - math.radians(90))
+    told = verdict(mounted(turning, turned), map_of_room)
+    assert told.kinds == ("turn",)
+    assert "turned by 90 degrees" in told.lines[0]
 
 
 @pytest.mark.slow
@@ -251,10 +254,8 @@ def test_on_recordings_of_others_each_fault_is_told_in_one_line(name, recordings
         (mounted(samples, BARE), grid, ("mount",)),
         (mirrored, grid, ("mirror", "mount")),
         (about, grid, ("turn",)),
-        *(
-            (samples, moved(grid, x, y), ("map",))
-            for x, y in ((0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5))
-        ),
+        (samples, moved(grid, 0.5, 0.0), ("map",)),
+        (samples, moved(grid, 0.0, -0.5), ("map",)),
     ]
     for faulty, there, kinds in faults:
         told = verdict(faulty, there)

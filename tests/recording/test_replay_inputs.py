@@ -9,12 +9,7 @@ from tests.recording import recordings as made
 from tests.recording.recorded_drives import CELL_M
 from tests.recording.recordings import Drive, apart_m, played, replayed
 
-
-def slow(kind):
-    return pytest.param(kind, marks=pytest.mark.slow)
-
-
-DRIVE = Drive(seconds=3.0, movers={"red": made.on_the_way(6.0), "blue": made.standing(2.6, 2.6)})
+DRIVE = Drive(seconds=2.0, movers={"red": made.on_the_way(6.0), "blue": made.standing(2.6, 2.6)})
 MOUNT = made.MOUNT_DEG
 
 
@@ -29,20 +24,18 @@ def expected(tmp_path_factory, map_file):
     folder = tmp_path_factory.mktemp("expected")
     table = made.write_scan_table(folder / "drive.csv", DRIVE, with_poses=True)
     found = replayed(table, folder, map=map_file, mount=MOUNT)
-    assert len(found.boxes) > 30
+    assert len(found.boxes) > 15
     return found
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("container", ["ros1", slow("ros1-bz2"), slow("ros1-lz4"), slow("ros2"), "mcap"])
+@pytest.mark.parametrize("container", ["ros1", "ros1-bz2", "ros1-lz4", "ros2", "mcap"])
 def test_every_container(container, tmp_path, expected):
     assert played(tmp_path, DRIVE, container=container).plain_boxes == expected.plain_boxes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind", [*map(slow, ["odometry", "covariance", "tum", "separate csv", "map topic"]), "tf", "csv"]
-)
+@pytest.mark.parametrize("kind", ["odometry", "covariance", "tum", "separate csv", "map topic", "tf"])
 def test_every_source_of_poses(kind, tmp_path, map_file, expected):
     keys = {}
     if kind in ("odometry", "covariance"):
@@ -53,11 +46,10 @@ def test_every_source_of_poses(kind, tmp_path, map_file, expected):
         keys = {"more": [made.map_message()], "map": "/map"}
     elif kind == "tum":
         keys = {"poses": [], "pose": str(made.write_tum(tmp_path / "poses.tum", DRIVE.poses()))}
-    else:
-        keys = {"poses": [], "pose": str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))}
     if kind == "separate csv":
         table = made.write_scan_table(tmp_path / "scans.csv", DRIVE)
-        found = replayed(table, tmp_path, map=map_file, mount=MOUNT, pose=keys["pose"])
+        poses = made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses())
+        found = replayed(table, tmp_path, map=map_file, mount=MOUNT, pose=str(poses))
     else:
         found = played(tmp_path, DRIVE, **keys)
     # an odometry that drifts is not quite between its neighbours
@@ -99,7 +91,7 @@ def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_fil
             for row in result.boxes
         )
 
-    assert len(one.boxes) > 50
+    assert len(one.boxes) > 30
     assert without_order(one) == without_order(several)
     # the first bag's clock is 100 s late
     late_ns = 100 * made.NS
@@ -120,8 +112,8 @@ BACK = Pose2D(-0.4, 0.0, 0.0)
 
 def test_a_geometry_that_changes_in_mid_bag_is_noted_and_read(tmp_path):
     second = made.scan_messages(replace(DRIVE, lidar=made.lidar_of(240)))
-    scans = made.scan_messages(replace(DRIVE, seconds=2.0))
-    scans += [one for one in second if one.record_ns >= made.ns_of(2.0)]
+    scans = made.scan_messages(replace(DRIVE, seconds=1.5))
+    scans += [one for one in second if one.record_ns >= made.ns_of(1.5)]
     found = played(tmp_path, DRIVE, scans=scans, labels=DRIVE.labels())
     assert any("180 to 240 beams" in line for line in found.notes)
     assert found.score()["recall"] == 1.0

@@ -12,6 +12,7 @@ from tests.recording import recordings as made
 from tests.recording.recordings import Drive, lidar_of, replayed
 
 FRONT = Drive(
+    seconds=3.0,
     movers={"red": made.on_the_way(6.0), "blue": made.on_the_way(-6.0)},
     lidar=lidar_of(136, math.radians(270.0)),
     mount=Pose2D(0.2, 0.05, 0.0),
@@ -45,8 +46,9 @@ def mount_of(drive):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topics", [("/front_scan", "/rear_scan"), ("/scan", "/scan")])
-@pytest.mark.parametrize("by", ["tf", "setup"])
+@pytest.mark.parametrize(
+    ("by", "topics"), [("tf", ("/scan", "/scan")), ("setup", ("/front_scan", "/rear_scan"))]
+)
 def test_two_lasers_are_one_robot(tmp_path, keys, topics, by):
     streams = list(topics) if topics[0] != topics[1] else ["/scan@front", "/scan@rear"]
     more = {}

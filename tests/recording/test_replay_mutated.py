@@ -34,13 +34,13 @@ def try_all(cases, seed, folder):
 
 
 @pytest.mark.slow
-def test_36_mutated_recordings(tmp_path):
+def test_15_mutated_recordings(tmp_path):
     # in a process of its own: a segmentation fault is to end no other test
     code = (
         "import resource, sys, warnings; from pathlib import Path; warnings.simplefilter('error'); "
         "resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30)); "
         "from tests.recording.test_replay_mutated import try_all; "
-        f"print(dict(try_all(36, 1, Path({str(tmp_path)!r}))))"
+        f"print(dict(try_all(15, 5, Path({str(tmp_path)!r}))))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -52,4 +52,4 @@ def test_36_mutated_recordings(tmp_path):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     ends = ast.literal_eval(done.stdout.splitlines()[-1])
-    assert min(ends["played"], ends["refused"]) > 6
+    assert min(ends["played"], ends["refused"]) > 3

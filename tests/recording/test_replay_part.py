@@ -19,12 +19,9 @@ def keys(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("container", ["mcap", "ros1"])
-def test_a_part_has_the_boxes_of_the_whole_at_its_scans(tmp_path, keys, container):
-    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.tf_messages(DRIVE)], container)
-    rest = {key: value for key, value in keys.items() if key != "files"}
+def test_a_part_has_the_boxes_of_the_whole_at_its_scans(tmp_path, keys):
     whole, part = (
-        replayed(bag, tmp_path, **rest, **limits) for limits in ({}, {"from_s": 1.95, "to_s": 3.05})
+        replayed(folder=tmp_path, **keys, **limits) for limits in ({}, {"from_s": 1.95, "to_s": 3.05})
     )
     # the first scan comes at 0.5 s, ten a second: labels by scan_index hold
     scans = set(map(str, range(15, 26)))
@@ -70,7 +67,7 @@ def test_an_error_names_the_setup_s_file_and_key(tmp_path, keys, written, named)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topic", ["/move_base_simple/goal", "/goal_pose", "/initialpose", "/truth/red/pose"])
+@pytest.mark.parametrize("topic", ["/move_base_simple/goal", "/initialpose", "/truth/red/pose"])
 def test_a_goal_is_never_proposed_as_a_pose(tmp_path, topic):
     goal = made.track_messages([(1.0, Pose2D(1.0, 1.0, 0.0))], topic=topic)
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *goal])

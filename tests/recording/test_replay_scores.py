@@ -13,7 +13,7 @@ from tests.recording.recorded_drives import CELL_M, room
 from tests.recording.recordings import Drive, apart_m, edited, played
 
 RED = {"red": made.on_the_way(6.0)}
-DRIVE = Drive(seconds=4.0, lidar=made.lidar_of(180, range_m=2.0), movers=RED)
+DRIVE = Drive(seconds=3.0, lidar=made.lidar_of(180, range_m=2.0), movers=RED)
 """its range ends before most walls: half of the beams meet nothing"""
 
 
@@ -36,7 +36,6 @@ def test_no_return_in_any_code_gives_the_same_boxes(tmp_path):
         math.inf: "inf",
         math.nan: "nan",
         0.0: "0 or less",
-        3.0: "range_max or more",
         2.0: "range_max or more",
         0.05: "below range_min",
     }
@@ -61,7 +60,7 @@ def test_a_few_odd_readings_are_no_code(tmp_path):
 @pytest.mark.slow
 def test_scan_delay(tmp_path):
     late = [made.stamped(said, said.record_ns + 200_000_000) for said in made.scan_messages(DRIVE)]
-    poses = made.pose_messages(replace(DRIVE, seconds=4.5))
+    poses = made.pose_messages(replace(DRIVE, seconds=3.5))
     right = played(tmp_path, DRIVE, poses=poses)
     assert apart_m(played(tmp_path, DRIVE, scans=late, poses=poses), right) > 0.0
     mended = played(tmp_path, DRIVE, scans=late, poses=poses, delay_s=0.2)
@@ -90,7 +89,7 @@ def test_deskew_and_rubbish_in_time_increment(tmp_path):
     assert no_line == no_line_either == []
     assert plain["fp"] >= 5
     assert (right["fp"], right["recall"]) == (0, 1.0)
-    for rubbish in (0.0, 2.99e-5, 7.0, -0.1, math.nan):
+    for rubbish in (2.99e-5, 7.0):
         score, lines = deskewed(rubbish)
         assert len(lines) == 1
         assert score["fp"] <= right["fp"] + 2, rubbish
@@ -98,7 +97,7 @@ def test_deskew_and_rubbish_in_time_increment(tmp_path):
 
 def test_frames_at_a_rate(tmp_path):
     found = played(tmp_path, DRIVE, rate_hz=4.0, labels=DRIVE.labels())
-    assert found.score()["frames"] == 14  # of 3.4 s of scans, at 4 Hz, both ends included
+    assert found.score()["frames"] == 10  # of 2.4 s of scans, at 4 Hz, both ends included
     assert found.score()["recall"] == 1.0
     assert {float(row["t"]) % 0.25 for row in found.boxes} == {0.0}
 
@@ -112,8 +111,8 @@ def friend_poses(mover, seconds, topic="/friend"):
 def with_friend(behind_s, radius_m):
     """A drive with an intruder before it and an ally behind it, and that ally's poses."""
     movers = {**RED, "friend": made.on_the_way(-behind_s, radius_m)}
-    drive = replace(DRIVE, lidar=made.lidar_of(360), seconds=6.0, movers=movers)
-    return drive, friend_poses(movers["friend"], 6.0)
+    drive = replace(DRIVE, lidar=made.lidar_of(360), seconds=4.0, movers=movers)
+    return drive, friend_poses(movers["friend"], 4.0)
 
 
 def friend(diameter_m):
@@ -133,7 +132,7 @@ def near_friend(drive, result, reach_m=0.4):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radius_m", [0.1, 0.15, 0.3])
+@pytest.mark.parametrize("radius_m", [0.1, 0.3])
 def test_a_declared_ally_is_gone_and_the_other_is_not(radius_m, tmp_path):
     drive, poses = with_friend(6.0 if radius_m > 0.2 else 3.5, radius_m)
     labels = drive.labels("red")
@@ -148,21 +147,21 @@ def test_a_declared_ally_is_gone_and_the_other_is_not(radius_m, tmp_path):
 @pytest.mark.slow
 def test_an_ally_that_is_late_is_noted_with_its_age(tmp_path):
     drive, poses = with_friend(3.0, 0.15)
-    silent = [one for one in poses if one.record_ns < made.ns_of(2.5)]
+    silent = [one for one in poses if one.record_ns < made.ns_of(2.0)]
     found = played(tmp_path, drive, more=silent, labels=drive.labels("red"), **friend(0.3))
     (line,) = (line for line in found.notes if line.startswith("ally friend"))
-    assert "oldest pose at a frame: 3.4" in line
-    assert "30 of 55 frames over 0.5 s" in line
+    assert "oldest pose at a frame: 1.9" in line
+    assert "15 of 35 frames over 0.5 s" in line
     late = [row for row in found.errors if row["cause"] == "ally_late"]
-    assert len(late) >= 25
+    assert len(late) >= 12
     assert {row["name"] for row in late} == {"friend"}
-    assert max(float(row["age_s"]) for row in late) == pytest.approx(3.45, abs=0.1)
+    assert max(float(row["age_s"]) for row in late) == pytest.approx(1.95, abs=0.1)
     assert found.score()["recall"] == 1.0
 
 
 @pytest.mark.slow
 def test_labels_by_time_by_index_and_by_topic_score_alike(tmp_path):
-    more = friend_poses(RED["red"], 4.0, "/red")
+    more = friend_poses(RED["red"], 3.0, "/red")
     by_t, by_index = (
         str(made.write_labels(tmp_path / f"{by}.csv", DRIVE.labels(), by)) for by in ("t", "scan_index")
     )
@@ -171,27 +170,33 @@ def test_labels_by_time_by_index_and_by_topic_score_alike(tmp_path):
         for truth in (by_t, by_index, {"red": "/red"})
     ]
     for score in scores:
-        assert (score["labelled"], score["in_range"], score["matched"]) == (35, 35, 35)
+        assert (score["labelled"], score["in_range"], score["matched"]) == (25, 25, 25)
     assert scores[0] == scores[1]
 
 
 def at_rest(**movers):
     rest = Pose2D(4.2, 3.0, 0.0)
-    return replace(DRIVE, pose=lambda time_s: rest, lidar=made.lidar_of(360), seconds=6.0, movers=movers)
+    return replace(DRIVE, pose=lambda time_s: rest, lidar=made.lidar_of(360), movers=movers)
 
 
 @pytest.mark.slow
 def test_sector_and_window_and_what_is_not_seen(tmp_path):
-    places = {"ahead": (4.9, 3.0), "beside": (4.2, 4.2), "behind the wall": (2.7, 1.5)}
-    drive = replace(at_rest(**{name: made.standing(*at) for name, at in places.items()}), seconds=4.0)
-    every = played(tmp_path, drive, labels=drive.labels()).score()
-    frames = every["frames"]
-    assert (every["in_range"], every["not_visible"], every["missed"]) == (2 * frames, frames, 0)
-    for part in ({"sector_deg": [-30, 30]}, {"window_m": 2.0}):
-        score = played(tmp_path, drive, labels=drive.labels(), **part).score()
-        assert (score["in_range"], score["not_visible"], score["fp"]) == (frames, 0, 0)
+    """Labelled: ahead, and beside and behind a wall, outside both limits; on the right stands one without."""
+    places = {"ahead": (4.9, 3.0), "beside": (4.2, 4.2), "behind": (2.7, 1.5), "right": (4.2, 1.6)}
+    drive = at_rest(**{name: made.standing(*at) for name, at in places.items()})
+    drive = replace(drive, seconds=2.0)
+    labels = drive.labels("ahead", "beside", "behind")
+    for limits, expected in (
+        ({}, (2, 1, 1)),
+        ({"sector_deg": [-30, 30]}, (1, 0, 0)),
+        ({"window_m": 2.0}, (1, 0, 0)),
+    ):
+        score = played(tmp_path, drive, labels=labels, **limits).score()
+        found = [score[name] / score["frames"] for name in ("in_range", "not_visible", "fp")]
+        assert tuple(found) == expected, limits
+        assert (score["missed"], score["tp"]) == (0, score["in_range"])
     half = replace(drive, lidar=made.lidar_of(181, math.pi))
-    seen = played(tmp_path, half, labels=drive.labels()).score()
+    seen = played(tmp_path, half, labels=labels).score()
     assert (seen["not_visible"], seen["recall"]) == (0, 1.0)
 
 
@@ -221,7 +226,7 @@ MISSES = {
         0.0,
         {"match_distance_m": 0.3},
     ),
-    "taken_for_ally": ({"a": SEEN}, 0.0, {"more": friend_poses(SEEN, 6.0), **friend(0.3)}),
+    "taken_for_ally": ({"a": SEEN}, 0.0, {"more": friend_poses(SEEN, 3.0), **friend(0.3)}),
     "not_detected": (
         {"a": BESIDE_A_WALL},
         0.0,
@@ -238,7 +243,7 @@ def test_each_cause_of_a_miss(cause, tmp_path):
     drive = at_rest(**movers)
     labels = [(*said, y + off_m) for *said, y in drive.labels()]
     result = played(tmp_path, drive, labels=labels, **keys)
-    assert result.score()["missed"] > 5
+    assert result.score()["missed"] > 3
     misses = [row["cause"] for row in result.errors if row["kind"] == "miss"]
     assert misses.count(cause) >= 0.95 * len(misses), misses
     assert len(misses) == result.score()["missed"]
@@ -276,7 +281,7 @@ def of_a(drive):
 
 
 def with_a_gap(drive):
-    return [one for one in drive.labels() if one[2] == "a" or not 1.0 < one[1] - made.BEGIN_S < 3.0]
+    return [one for one in drive.labels() if one[2] == "a" or not 0.8 < one[1] - made.BEGIN_S < 2.2]
 
 
 def that_are_off(drive):
@@ -287,22 +292,22 @@ CRATE = at_rest(a=MOVER, b=made.standing(3.2, 3.8, 0.15))
 ALONE = at_rest(a=MOVER)
 LEGS = at_rest(a=lambda time_s: [made.Disc(4.9, 3.0 + s * 0.25 + 0.05 * time_s, 0.06) for s in (-1, 1)])
 SOURCES = {
-    "unlabelled": (BOTH, of_a, 50, {}),
-    "unmapped": (CRATE, of_a, 50, {}),
-    "label_gap": (BOTH, with_a_gap, 15, {}),
-    "displaced": (ALONE, that_are_off, 40, {}),
-    "fragment": (LEGS, Drive.labels, 50, {}),
+    "unlabelled": (BOTH, of_a, 20, {}),
+    "unmapped": (CRATE, of_a, 20, {}),
+    "label_gap": (BOTH, with_a_gap, 10, {}),
+    "displaced": (ALONE, that_are_off, 15, {}),
+    "fragment": (LEGS, Drive.labels, 20, {}),
     "ally_left": (
         BOTH,
         of_a,
-        50,
-        {"more": friend_poses(OTHER, 6.0), **friend(0.02), "settings": {"iou_ally": 0.9}},
+        20,
+        {"more": friend_poses(OTHER, 3.0), **friend(0.02), "settings": {"iou_ally": 0.9}},
     ),
-    "single_return": (ALONE, Drive.labels, 45, {"scans": odd_returns, "settings": {"min_returns": 0}}),
+    "single_return": (ALONE, Drive.labels, 20, {"scans": odd_returns, "settings": {"min_returns": 0}}),
     "unknown_cells": (
         BOTH,
         of_a,
-        40,
+        15,
         {"grid": unknown_strip(), "settings": {"unknown_in_prior": "free"}},
     ),
 }
@@ -332,15 +337,9 @@ def test_single_returns_make_no_box_by_the_preset(tmp_path):
     assert of_boxes(played(tmp_path, ALONE, scans=odd_returns(ALONE), labels=ALONE.labels())) == []
 
 
-def test_an_intruder_that_stands_still_is_found(tmp_path):
-    drive = at_rest(a=made.standing(4.9, 3.3))
-    result = played(tmp_path, drive, labels=drive.labels("a"))
-    assert (result.score()["recall"], result.errors) == (1.0, [])
-
-
 @pytest.mark.slow
 def test_marks_that_nothing_clears_are_ghosts(tmp_path):
-    drive = replace(at_rest(a=moving(4.9, 2.2, 0.0, 0.4)), lidar=made.lidar_of(360, range_m=1.9))
+    drive = replace(at_rest(a=moving(4.9, 2.2, 0.0, 0.6)), lidar=made.lidar_of(360, range_m=1.9), seconds=4.5)
     result = played(
         tmp_path,
         drive,
@@ -360,7 +359,7 @@ def test_marks_that_nothing_clears_are_ghosts(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("cause", "noise_m"), [("pose_error", 0.005), ("near_wall", 0.14)])
 def test_walls_that_are_off_by_the_pose_or_by_the_ranges(cause, noise_m, tmp_path):
-    drive = replace(DRIVE, lidar=made.lidar_of(360), movers={}, seconds=6.0, noise_m=noise_m)
+    drive = replace(DRIVE, lidar=made.lidar_of(360), movers={}, seconds=5.0, noise_m=noise_m)
     poses = drive.poses()
     if cause == "pose_error":
         poses = [
@@ -368,24 +367,8 @@ def test_walls_that_are_off_by_the_pose_or_by_the_ranges(cause, noise_m, tmp_pat
         ]
     far = {"obstacle_range_m": 4.0}
     found = of_boxes(played(tmp_path, drive, poses=made.track_messages(poses), settings=far))
-    assert len(found) > 20
+    assert len(found) > 15
     assert found.count(cause) >= (0.95 if cause == "pose_error" else 0.9) * len(found), found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("limits", "expected"),
-    [({}, (2, 1, 0)), ({"sector_deg": [-30, 30]}, (1, 0, 0)), ({"window_m": 2.0}, (1, 0, 0))],
-)
-def test_a_box_outside_sector_or_window_is_neither_true_nor_false(tmp_path, limits, expected):
-    """Ahead and beside, outside both limits, stand labelled objects; a third one beside has no label."""
-    places = {"ahead": (4.9, 3.0), "beside": (4.2, 4.2), "right": (4.2, 1.6)}
-    drive = at_rest(**{name: made.standing(*at) for name, at in places.items()})
-    drive = replace(drive, seconds=2.0)
-    score = played(tmp_path, drive, labels=drive.labels("ahead", "beside"), **limits).score()
-    frames = score["labelled"]
-    assert (score["in_range"], score["fp"], score["missed"]) == tuple(frames * each for each in expected)
-    assert score["tp"] == score["in_range"]
 
 
 def test_events_of_a_recording(tmp_path):
@@ -407,7 +390,7 @@ def test_what_stands_beside_a_labelled_way_is_unmapped_not_the_label_s(tmp_path)
     """Pylons that the map lacks stand along the way of a labelled robot, which comes as near as 0.3 m."""
     pylons = [(3.4, 2.6), (4.6, 2.4), (3.9, 3.7), (5.0, 2.0)]
     movers = {**RED, **{f"pylon {k}": made.standing(x, y, 0.06) for k, (x, y) in enumerate(pylons)}}
-    drive = replace(DRIVE, seconds=12.0, movers=movers, lidar=made.lidar_of(360))
+    drive = replace(DRIVE, seconds=8.0, movers=movers, lidar=made.lidar_of(360))
     found = played(tmp_path, drive, labels=drive.labels("red"))
     of_pylons = [
         row["cause"]
@@ -415,5 +398,5 @@ def test_what_stands_beside_a_labelled_way_is_unmapped_not_the_label_s(tmp_path)
         if row["kind"] != "miss"
         and min(math.dist((float(row["x"]), float(row["y"])), pylon) for pylon in pylons) < 0.25
     ]
-    assert len(of_pylons) > 100
+    assert len(of_pylons) > 60
     assert of_pylons.count("unmapped") >= 0.95 * len(of_pylons)

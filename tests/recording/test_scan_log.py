@@ -26,7 +26,7 @@ def bag_of(folder, container):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("container", ["ros1", "ros2", "mcap", "csv"])
+@pytest.mark.parametrize("container", ["ros1", "csv"])
 def test_a_recording_of_each_kind_is_mapped(tmp_path, container):
     notes = []
     log = scan_log_of(bag_of(tmp_path, container), notes.append)
