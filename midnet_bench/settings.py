@@ -120,7 +120,7 @@ class Settings:
         """Settings by flat keys, the defaults for the keys that are not given.
 
         Raises:
-            InputError: an unknown key, or a value that is out of range.
+            InputError: ``key: what is wrong``; it is unknown, or its value is out of range.
         """
         known = leaves(cls)
         tree: dict[str, Any] = {}
@@ -132,7 +132,15 @@ class Settings:
             for step in path:
                 branch = branch.setdefault(step, {})
             branch[name] = value
-        return cast(Self, _changed(cls.defaults_with(values), tree))
+        try:
+            return cast(Self, _changed(cls.defaults_with(values), tree))
+        except InputError as error:  # of a class within, which does not know the flat key
+            owner, _, said = str(error).partition(": ")
+            name, _, what = said.partition(": ")
+            for key in values:
+                if (known[key].owner.__name__, known[key].path[-1]) == (owner, name):
+                    raise InputError(f"{key}: {what}") from error
+            raise
 
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:

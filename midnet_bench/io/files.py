@@ -187,9 +187,9 @@ def cannot_be_written(path: Path, error: OSError) -> MidnetBenchError:
     """What to raise when ``path`` cannot be written: one line, and whether it was the user's input."""
     if error.errno in DISK_IS_FULL:
         return MidnetBenchError(f"{path}: cannot be written: {error.strerror}; make room")
-    return InputError(
-        f"{path}: cannot be written: {error.strerror}; its folder must be one that you may write to"
-    )
+    is_taken = error.errno in (errno.EEXIST, errno.ENOTDIR)
+    hint = "give another place" if is_taken else "its folder must be one that you may write to"
+    return InputError(f"{path}: cannot be written: {error.strerror}; {hint}")
 
 
 def installed() -> bool:

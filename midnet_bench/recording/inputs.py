@@ -48,15 +48,22 @@ class ReplayInputs:
     """end of the seconds that the background was made from, record time; None if it is of no such seconds"""
 
     def settings(self) -> dict[str, ReplaySettings]:
-        """The detector options by preset. Raises InputError: an unknown key, or a value out of range."""
+        """The detector options by preset.
+
+        Raises:
+            InputError: ``settings: key: what is wrong``; it is unknown, or its value is out of range.
+        """
         values, cell_m = dict(self.setup.settings), self.prior_map.resolution
         given_m = values.pop("resolution_m", cell_m)
         if not isinstance(given_m, float | int) or abs(given_m - cell_m) > 1e-5:
             raise InputError(
-                f"--set resolution_m={given_m}: cells are as large as the map's, {cell_m:g} m; "
+                f"settings: resolution_m: {given_m}: cells are as large as the map's, {cell_m:g} m; "
                 "'midnet-bench map --from-map' makes a map of others"
             )
-        return {preset: ReplaySettings.of(preset, values, cell_m) for preset in self.setup.presets}
+        try:
+            return {preset: ReplaySettings.of(preset, values, cell_m) for preset in self.setup.presets}
+        except InputError as error:
+            raise InputError(f"settings: {error}") from error
 
     def replay(self, settings: Mapping[str, ReplaySettings], followed: Sequence[AllyPlan] = ()) -> Replay:
         """A pass over them with detectors, and allies as large as the first of these says.
@@ -130,7 +137,9 @@ def opened(paths: Sequence[Path]) -> Iterator[list[Source]]:
     """The bags, tables or logs, closed in the end. Raises InputError: no such file, or none of these."""
     with ExitStack() as stack:
         sources: list[Source] = []
-        for path in paths:
+        for number, path in enumerate(paths):
+            if path in paths[:number]:
+                raise InputError(f"{path}: is given twice; name each recording once")
             if not path.exists():
                 raise InputError(f"{path}: there is no such recording")
             if not is_bag(path) and path.is_dir():
@@ -220,8 +229,10 @@ def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> Recording
         mounts = {one["name"]: one["mount"] for one in robots}
         values = {
             "scan": {one["name"]: one["scan"] for one in robots},
-            "pose": {one["name"]: one["pose"] for one in robots},
-            "mount": {name: [at[0], at[1], math.degrees(at[2])] for name, at in mounts.items()},
+            "pose": _with_given({one["name"]: one["pose"] for one in robots}, setup.pose),
+            "mount": _with_given(
+                {name: [at[0], at[1], math.degrees(at[2])] for name, at in mounts.items()}, setup.mount
+            ),
             "settings": {**_own(settings, setup.settings), **setup.settings},
             "preset": "paper",
             "rate_hz": setup.rate_hz or written["rate_hz"],
@@ -234,6 +245,11 @@ def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> Recording
     except (AssertionError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
         raise InputError(f"{source}: {error!r}; export the trial again") from error
     return setup.changed(values, source)
+
+
+def _with_given(written: Mapping[str, object], given: Mapping[str, object]) -> dict[str, object]:
+    """What a recording says of each robot, where the setup says nothing."""
+    return {**({} if EVERY in given else written), **given}
 
 
 def _own(settings: Mapping[str, Scalar], typed: Mapping[str, Scalar]) -> dict[str, Scalar]:

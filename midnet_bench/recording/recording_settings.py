@@ -5,12 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from midnet_bench.errors import InputError
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.robots.model import ROBOTS, RobotModel
-from midnet_bench.settings import Scalar, Settings, group, leaves, option
+from midnet_bench.settings import Scalar, Settings, group, option
 
 Preset = Literal["real", "paper"]
 
@@ -91,14 +90,7 @@ class ReplaySettings(Settings):
         Raises:
             InputError: an unknown key, or a value that is out of range.
         """
-        try:
-            settings = cls.from_flat({**PRESETS[preset], **values})
-        except InputError as error:  # of a class within, which has another name for the key
-            name, _, what = str(error).partition(": ")[2].partition(":")
-            paths = {leaf.path[-1]: key for key, leaf in leaves(cls).items() if key in values}
-            if name not in paths or name in values:
-                raise
-            raise InputError(f"--set {paths[name]}:{what}") from error
+        settings = cls.from_flat({**PRESETS[preset], **values})
         model = settings.robot_model
         costmap = replace(settings.costmap, resolution=resolution_m)
         if settings.robot != "burger":

@@ -30,6 +30,8 @@ def _topics(value: Any) -> Any:
     each = value if isinstance(value, list) else [value]
     if not each or not all(isinstance(topic, str) and topic for topic in each):
         raise ValueError("a topic is needed, or a list of topics")
+    if len(set(each)) < len(each):
+        raise ValueError("a topic is there twice")
     return value
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from midnet_bench.io.map_server import load_map
 from midnet_bench.recording.setup import EVERY, RecordingSetup
-from tests.cli.command import REPOSITORY, Done, midnet_bench, rows, worked
+from tests.cli.command import REPOSITORY, Done, midnet_bench, one_line_of_complaint, rows, worked
 from tests.recording.test_export import read
 from tests.recording.test_replay_bag import boxes_of
 
@@ -190,3 +190,28 @@ def test_a_laser_at_rest_makes_its_own_map(tmp_path: Path) -> None:
     assert {round(float(row["t"])) for row in boxes} == {6, 7, 8, 9, 10}
     assert all(abs(float(row["x_min_m"]) - 1.9) < 0.11 for row in boxes)
     assert {row["cause"] for row in rows(tmp_path / "out" / "errors.csv")} <= {"unlabelled", "unmapped"}
+
+
+@pytest.mark.slow
+def test_wrong_keys_of_an_exported_trial_s_setup_are_named_where_they_were_typed(tmp_path: Path) -> None:
+    """What a user says counts more than what the file says of itself."""
+    worked("export", "detection", "--engine", "fast", "--frames", 3, "-o", "t.mcap", folder=tmp_path)
+    setup = tmp_path / "setup.yaml"
+    for text, said in {
+        "pose: nope": "setup.yaml: pose: no topic 'nope'",
+        "scan: [/guard_1/scan, /guard_1/scan]": "setup.yaml: scan: a topic is there twice",
+        "settings: {thresh_local: 0}": "setup.yaml: settings: thresh_local: must be at least 1 (got 0)",
+        "settings: {detector: clusters(noise_m=-1)}": "setup.yaml: settings: detector: clusters(noise_m=-1)",
+    }.items():
+        setup.write_text(f"map: /map\n{text}\n")
+        assert said in one_line_of_complaint(
+            midnet_bench("replay", "t.mcap", "--setup", setup, folder=tmp_path)
+        )
+    for words, said in {
+        ("--pose", "nobody=tf"): "--pose: nobody: no robot is called 'nobody'",
+        ("--set", "thresh_local=0"): "--set thresh_local: must be at least 1 (got 0)",
+        ("--set", "resolution_m=1"): "--set resolution_m: 1: cells are as large as the map's, 0.05 m",
+        ("t.mcap",): "t.mcap: is given twice",
+    }.items():
+        line = ("replay", "t.mcap", "--map", "/map", *words)
+        assert said in one_line_of_complaint(midnet_bench(*line, folder=tmp_path))

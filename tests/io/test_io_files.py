@@ -103,7 +103,7 @@ def test_files_get_the_permissions_that_the_user_wants(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written: Not a directory; its folder must be") as caught:
+    with pytest.raises(InputError, match="cannot be written: Not a directory; give another place") as caught:
         write_atomically(tmp_path / "file" / "a.txt", "text")
     assert caught.value.exit_code == 2
     (tmp_path / "folder").mkdir()
