@@ -22,21 +22,30 @@ from midnet_bench.scoring.frame_counts import Causes
 @cache
 def detection(seed: int = 3, **changes: object) -> TrialResult:
     """A short trial; the same one again is not simulated anew."""
-    return run_detection(DetectionParameters.of(**{"robots": 2, "frames": 25, **changes}), seed)
+    return run_detection(
+        DetectionParameters.of(**{"robots": 2, "frames": 10, "engine": "fast", **changes}), seed
+    )
 
 
 def as_bytes(result: TrialResult) -> bytes:
     return json.dumps(result.tables, sort_keys=True).encode()
 
 
-def test_the_seed_decides_every_byte() -> None:
-    assert as_bytes(detection.__wrapped__(seed=3)) == as_bytes(detection(seed=3))
-    assert as_bytes(detection(seed=3)) != as_bytes(detection(seed=4))
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param({"engine": "bullet"}, marks=pytest.mark.slow),
+        {"localization": "ukf+map", "odometry": "encoder"},
+        {"localization": "ukf+map", "odometry": "world"},
+    ],
+)
+def test_the_seed_decides_every_byte(options: dict[str, str]) -> None:
+    assert as_bytes(detection.__wrapped__(seed=3, **options)) == as_bytes(detection(seed=3, **options))
+    assert as_bytes(detection(seed=3, **options)) != as_bytes(detection(seed=4, **options))
 
 
-@pytest.mark.slow
 def test_a_spec_says_all_that_a_trial_needs() -> None:
-    parameters = DetectionParameters.of(robots=2, frames=25).flat_values()
+    parameters = DetectionParameters.of(robots=2, frames=10, engine="fast").flat_values()
     assert as_bytes(run_trials([TrialSpec("detection", parameters, 3)])[0]) == as_bytes(detection(seed=3))
 
 
@@ -50,20 +59,19 @@ def test_teams_of_one_seed_meet_the_same_intruders() -> None:
 
 @pytest.mark.slow
 def test_everybody_drives_and_eight_intruders_are_scored() -> None:
-    with DetectionTrial(DetectionParameters.of(robots=5, frames=100), 7) as trial:
+    with DetectionTrial(DetectionParameters.of(robots=5, frames=50, engine="fast"), 7) as trial:
         frames = list(trial.frames())
         rows = trial.rows_of_robots()
-    assert [len(frame.truths) for frame in frames] == [8] * 100
+    assert [len(frame.truths) for frame in frames] == [8] * 50
     assert len(rows) == 10
-    assert min(row["distance_m"] for row in rows) > 1.0
+    assert min(row["distance_m"] for row in rows) > 0.5
     assert all(row["walls_crossed"] == 0 for row in rows)
-    assert sum(frame.counts.tp for frame in frames) > 300
+    assert sum(frame.counts.tp for frame in frames) > 150
 
 
-@pytest.mark.slow
 def test_causes_are_parts_of_the_errors_and_a_hidden_intruder_is_none_where_sight_is_asked() -> None:
     def row(**changes: object) -> Row:
-        (scores,) = detection(seed=7, **changes).tables["scores"]
+        (scores,) = detection(seed=7, frames=25, **changes).tables["scores"]
         return scores
 
     scores, seen = row(), row(require_line_of_sight=True)
@@ -83,7 +91,12 @@ def test_causes_are_parts_of_the_errors_and_a_hidden_intruder_is_none_where_sigh
 def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
     own = TRAJECTORY_ROLLOUT_LIMITS
     parameters = DetectionParameters.of(
-        robots=1, frames=75, controller="trajectory_rollout", intruder_speed_mps=0.1
+        engine="fast",
+        robots=1,
+        intruders=1,
+        frames=40,
+        controller="trajectory_rollout",
+        intruder_speed_mps=0.1,
     )
     with DetectionTrial(parameters, 3) as trial:
         assert trial.guards[0].navigator.settings.rollout_limits == own
@@ -93,11 +106,10 @@ def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
         speeds = [trial.guards[0].velocity[0] for _ in trial.frames()]
         rows = trial.rows_of_robots()
     assert 0.17 < max(speeds) < own.max_vel_x_mps + 0.01
-    assert rows[0]["distance_m"] > 1.0
-    assert 0.5 < max(row["distance_m"] for row in rows[1:]) < 0.1 * 15.0 + 0.05
+    assert rows[0]["distance_m"] > 0.6
+    assert 0.4 < max(row["distance_m"] for row in rows[1:]) < 0.1 * 8.0 + 0.05
 
 
-@pytest.mark.slow
 def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
     def in_range(**changes: object) -> list[object]:
         return [row["intruders_in_range"] for row in detection(**changes).tables["frames"]]
@@ -105,9 +117,8 @@ def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
     assert in_range(truth_box="inflated") == in_range()
 
 
-@pytest.mark.parametrize("frames", [100, pytest.param(600, marks=pytest.mark.slow)])
-def test_an_arena_without_intruders_has_no_detection(frames: int) -> None:
-    scores = detection(arena="empty", robots=1, frames=frames).tables["scores"][0]
+def test_an_arena_without_intruders_has_no_detection() -> None:
+    scores = detection(arena="empty", robots=1, frames=100).tables["scores"][0]
     assert scores["tp"] == scores["fp"] == scores["fn"] == 0
     assert math.isnan(float(scores["recall"]))
 
@@ -115,7 +126,7 @@ def test_an_arena_without_intruders_has_no_detection(frames: int) -> None:
 @pytest.mark.slow
 def test_guards_alone_leave_ghosts_of_each_other_where_marks_are_kept() -> None:
     # costmap_2d keeps what an ally leaves behind until a beam passes; the large square removes the allies
-    team = {"seed": 4, "arena": "empty", "robots": 5, "frames": 80, "ally_diameter_m": 0.42}
+    team = {"seed": 4, "arena": "empty", "robots": 5, "frames": 40, "ally_diameter_m": 0.42}
     kept = detection(**team).tables["scores"][0]
     forgotten = detection(**team, local_map="single_scan").tables["scores"][0]
     assert forgotten["fp"] <= 2 < kept["fp"] <= 40
@@ -123,7 +134,7 @@ def test_guards_alone_leave_ghosts_of_each_other_where_marks_are_kept() -> None:
 
 @pytest.mark.parametrize(
     ("thresh", "reach_m"),
-    [(99, 0.105), (80, 0.125), (50, 0.173), (30, 0.225), (20, 0.266), (10, 0.339), (100, 0.0)],
+    [(99, 0.105), (50, 0.173), (10, 0.339), (100, 0.0)],
 )
 def test_a_threshold_stands_for_a_distance(thresh: int, reach_m: float) -> None:
     # the figures of item 1, for k = 10 and an inscribed radius of 0.105 m
@@ -140,7 +151,6 @@ def test_the_prior_map_is_fatter_than_the_local_one() -> None:
     assert (prior.data == 0).sum() > (local.data == 0).sum() > (exact.data == 100).sum()
 
 
-@pytest.mark.slow
 def test_a_map_from_a_file_gives_what_the_exact_one_gives(tmp_path: Path) -> None:
     save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
     from_file = detection(prior_map=str(tmp_path / "map.yaml"))

@@ -60,7 +60,7 @@ def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hz", [1, 2, 5, 10])
+@pytest.mark.parametrize("hz", [1, 10])
 def test_lidars_scan_as_often_as_set_and_control_as_ever(hz: int) -> None:
     with trial(lidar_hz=hz) as made:
         scans = {robot.name: 0 for robot in made.fleet.robots}

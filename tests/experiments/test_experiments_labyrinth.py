@@ -40,6 +40,11 @@ def leaves() -> dict[str, list[Row]]:
     return run_labyrinth(corridor(), 1).tables
 
 
+def run_to_its_end(trial: LabyrinthTrial) -> None:
+    for _ in trial.frames():
+        pass
+
+
 def test_a_guard_in_the_way_catches_who_has_to_pass(leaves: dict[str, list[Row]]) -> None:
     row, intruder = leaves["trial"][0], leaves["intruders"][0]
     assert (row["caught"], row["escaped"], row["success_rate"]) == (1, 0, 100.0)
@@ -87,7 +92,7 @@ def test_an_intruder_that_waits_stands_until_then() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("ends", "time_limit_s", "caught"), [("time_limit", 60.0, 1), ("nobody_left", 2.0, 0)]
+    ("ends", "time_limit_s", "caught"), [("time_limit", 20.0, 1), ("nobody_left", 2.0, 0)]
 )
 def test_a_trial_may_go_on_to_the_time_limit_which_is_no_success(
     ends: str, time_limit_s: float, caught: int
@@ -133,8 +138,7 @@ def test_an_oracle_names_the_intruder_and_calls_guards_off_at_once() -> None:
         intruder = trial.intruders[0].index
         next(frame for frame in trial.frames() if trial.pursuit.targets)
         assert set(trial.pursuit.targets) == {intruder}
-        for _ in trial.frames():
-            pass
+        run_to_its_end(trial)
         assert trial.outcomes[intruder].result == "caught"
         assert not trial.pursuit.targets
         assert (trial.targets, trial.ghosts) == (0, 0)
@@ -142,8 +146,7 @@ def test_an_oracle_names_the_intruder_and_calls_guards_off_at_once() -> None:
 
 def test_guards_are_not_told_who_was_caught() -> None:
     with LabyrinthTrial(corridor(), 1) as trial:
-        for _ in trial.frames():
-            pass
+        run_to_its_end(trial)
         assert trial.outcomes[trial.intruders[0].index].result == "caught"
         assert trial.pursuit.targets, "nobody told them that there is nothing left to pursue"
         assert trial.guards[0].goal is not None
@@ -168,9 +171,9 @@ class Liar:
 def driven(lies: bool) -> "list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]":
     """Where all robots are at each frame of a trial in which nobody can be caught or escape."""
     parameters = LabyrinthParameters.of(
-        robots=3, intruders=2, time_limit_s=40.0, capture_distance_m=1e-6, escape_radius_m=1e-6, engine="fast"
+        robots=3, intruders=2, time_limit_s=12.0, capture_distance_m=1e-6, escape_radius_m=1e-6, engine="fast"
     )
-    with LabyrinthTrial(parameters, 5) as trial:
+    with LabyrinthTrial(parameters, 2) as trial:
         true_world = trial.world
         if lies:
             # the referee's own eyes: who is where, which box is on whom, how long somebody stood
@@ -186,14 +189,13 @@ def driven(lies: bool) -> "list[np.ndarray[tuple[int, int], np.dtype[np.float64]
 @pytest.mark.slow
 def test_lies_of_the_referee_move_no_robot() -> None:
     honest, lied = driven(lies=False), driven(lies=True)
-    assert len(honest) == len(lied) == 200
+    assert len(honest) == len(lied) == 60
     assert all((one == other).all() for one, other in zip(honest, lied, strict=True))
 
 
 def test_who_reaches_his_escape_is_gone() -> None:
     with LabyrinthTrial(corridor(capture="contact", pursuit="none"), 4) as trial:
-        for _ in trial.frames():
-            pass
+        run_to_its_end(trial)
         outcome = trial.outcomes[trial.intruders[0].index]
         assert outcome.result == "escaped"
         assert not trial.world.active[trial.intruders[0].index]
@@ -202,7 +204,7 @@ def test_who_reaches_his_escape_is_gone() -> None:
 
 @pytest.mark.slow
 def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
-    short = LabyrinthParameters.of(robots=2, intruders=2, time_limit_s=6.0)
+    short = LabyrinthParameters.of(robots=2, intruders=2, time_limit_s=3.0)
     first, again = run_labyrinth(short, 9), run_labyrinth(short, 9)
     assert json.dumps(first.tables) == json.dumps(again.tables)
     more_guards = run_labyrinth(replace(short, robots=4), 9)
@@ -213,6 +215,8 @@ def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
 
 @pytest.mark.slow
 def test_a_fleeing_intruder_keeps_away_longer() -> None:
-    still = run_labyrinth(corridor(evasion="none"), 2).tables["trial"][0]
-    fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5), 2).tables["trial"][0]
-    assert float(fleeing["duration_s"]) > float(still["duration_s"])
+    evasions: tuple[dict[str, object], ...] = ({"evasion": "none"}, {"evasion": "flee", "flee_radius_m": 2.5})
+    caught = [
+        run_labyrinth(corridor(time_limit_s=48.0, **one), 2).tables["trial"][0]["caught"] for one in evasions
+    ]
+    assert caught == [1, 0]

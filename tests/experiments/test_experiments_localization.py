@@ -1,4 +1,3 @@
-import json
 import math
 
 import pytest
@@ -6,16 +5,16 @@ import pytest
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
 from midnet_bench.io.map_server import save_map
 
 
 def worst_late_error_m(**changes):
-    """Of a guard with slipping wheels, in the second half of 80 s."""
+    """Of a guard with slipping wheels, in the second half of 60 s."""
     parameters = DetectionParameters.of(
-        arena="empty", prior_map="exact", robots=1, frames=400, odometry="encoder", **changes
+        engine="fast", arena="empty", prior_map="exact", robots=1, frames=300, odometry="encoder", **changes
     )
     with DetectionTrial(parameters, 1001) as trial:
         guard, errors_m = trial.guards[0], []
@@ -29,30 +28,16 @@ def worst_late_error_m(**changes):
         guard.observe = observe_and_compare
         for _ in trial.frames():
             pass
-    assert len(errors_m) > 390
-    return max(errors_m[200:])
+    assert len(errors_m) > 290
+    return max(errors_m[150:])
 
 
 @pytest.mark.slow
 def test_the_prior_map_takes_the_drift_out_of_a_guards_pose():
-    drifting = worst_late_error_m(localization="ukf")
-    held = worst_late_error_m(localization="ukf+map")
+    drifting, held = (worst_late_error_m(localization=one) for one in ("ukf", "ukf+map"))
     assert drifting > 0.015
     assert held < 0.01
     assert held < drifting / 3.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("odometry", ["encoder", pytest.param("world", marks=pytest.mark.slow)])
-def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
-    def tables(seed):
-        parameters = DetectionParameters.of(
-            prior_map="exact", robots=2, frames=25, localization="ukf+map", odometry=odometry
-        )
-        return json.dumps(run_detection(parameters, seed).tables, sort_keys=True)
-
-    assert tables(3) == tables(3)
-    assert tables(3) != tables(4)
 
 
 @pytest.mark.slow
@@ -60,8 +45,9 @@ def test_the_labyrinth_takes_it_and_a_map_from_a_file(tmp_path):
     save_map(render_exact(load_arena("map2")), tmp_path / "map.yaml")
     parameters = LabyrinthParameters.of(
         prior_map=str(tmp_path / "map.yaml"),
+        engine="fast",
         robots=2,
-        time_limit_s=20.0,
+        time_limit_s=8.0,
         localization="ukf+map",
         odometry="encoder",
     )

@@ -85,20 +85,16 @@ def test_snapshots_show_a_map_that_grows(alone: tuple[Exploration, list[Snapshot
         assert snapshot.poses[0, 0] < 3.5
 
 
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
-    alone: tuple[Exploration, list[Snapshot]],
-) -> None:
-    again, _ = explore(hall(), 1001)
-    other, _ = explore(hall(), 1002)
-    assert again.grid.data.tobytes() == alone[0].grid.data.tobytes()
-    assert again.distance_m == alone[0].distance_m
-    assert other.grid.data.tobytes() != alone[0].grid.data.tobytes()
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others() -> None:
+    first, again, other = (explore(hall(time_limit_s=6.0), seed)[0] for seed in (1001, 1001, 1002))
+    assert again.grid.data.tobytes() == first.grid.data.tobytes()
+    assert again.distance_m == first.distance_m
+    assert other.grid.data.tobytes() != first.grid.data.tobytes()
 
 
 @pytest.mark.slow
 def test_two_robots_share_one_map() -> None:
-    exploration, snapshots = explore(hall(robots=2), 1001)
+    exploration, snapshots = explore(hall(robots=2, particles=5), 1001)
     assert exploration.score.free_covered > 0.98
     assert exploration.score.occupied_precision > 0.95
     merged = np.maximum(exploration.parts[0].data, exploration.parts[1].data)
@@ -107,15 +103,12 @@ def test_two_robots_share_one_map() -> None:
 
 
 @pytest.mark.slow
-def test_a_team_that_does_not_know_its_starts_merges_by_features_or_says_why_not() -> None:
-    exploration, _ = explore(hall(robots=2, merge="features"), 1001)
-    assert exploration.score.free_covered > 0.98  # each has explored on its own
-    if exploration.warnings:
-        assert "the maps of robots 1 and 2 were not merged" in exploration.warnings[0]
-        known = [int((part.data >= 0).sum()) for part in exploration.parts]
-        assert int((exploration.grid.data >= 0).sum()) == max(known)
-    else:
-        assert exploration.merge_confidence >= 0.7
+def test_a_team_whose_maps_do_not_match_keeps_the_largest_and_says_so() -> None:
+    exploration, _ = explore(hall(robots=2, particles=5, merge="features", time_limit_s=8.0), 1001)
+    assert "the maps of robots 1 and 2 were not merged" in exploration.warnings[-1]
+    assert exploration.merge_confidence < 0.7
+    known = [int((part.data >= 0).sum()) for part in exploration.parts]
+    assert int((exploration.grid.data >= 0).sum()) == max(known) > min(known)
 
 
 def test_a_room_without_a_door_is_left_out_with_a_warning() -> None:

@@ -96,7 +96,13 @@ def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
 
 
 MOST_OPTIONS = 120
-SHORT: dict[str, Scalar] = {"robots": 2, "frames": 15, "prior_map": "exact", "odometry": "encoder"}
+SHORT: dict[str, Scalar] = {
+    "engine": "fast",
+    "robots": 2,
+    "frames": 10,
+    "prior_map": "exact",
+    "odometry": "encoder",
+}
 
 
 @pytest.fixture(scope="module")

@@ -51,7 +51,7 @@ class Unmade:
 
 
 def specs(variants: list[dict[str, Any]], **common: Any) -> list[TrialSpec]:
-    base = {"engine": "fast", "robots": 3, "frames": 12, **common}
+    base = {"engine": "fast", "robots": 2, "frames": 6, **common}
     return [
         TrialSpec("detection", DetectionParameters.of(**{**base, **one}).flat_values(), seed=5)
         for one in variants
@@ -66,11 +66,11 @@ def payload(result: TrialResult | Exception) -> bytes:
 @pytest.mark.slow
 @pytest.mark.parametrize("network", [{}, {"message_delay_s": 0.3, "message_loss": 0.2}])
 def test_trials_of_one_simulation_have_the_bytes_that_they_have_alone(network: dict[str, float]) -> None:
-    wanted = specs(VARIANTS, **network)
+    wanted = specs(VARIANTS[::2] if network else VARIANTS, **network)
     shared = [payload(result) for result in run_trials(wanted)]
     assert len(set(shared)) > len(shared) // 2  # the variants differ
     assert shared == [payload(run_trials([spec])[0]) for spec in wanted]
-    some = [5, 0, 2]
+    some = [3, 0, 2]
     assert [payload(result) for result in run_trials([wanted[k] for k in some])] == [shared[k] for k in some]
 
 
@@ -107,7 +107,6 @@ def test_what_moves_robots_is_not_shared() -> None:
     ("same", "common"),
     [
         ([{"thresh_local": 97}, {"thresh_local": 98}], {}),
-        ([{"thresh_global": 30}, {"thresh_global": 31}], {}),
         ([{"thresh_local": 20}, {"thresh_local": 90, "align": "origin"}], {"detector": "clusters"}),
         ([{"iou_fuse": 0.1}, {"iou_fuse": 0.9}], {"fusion": "none", "robots": 3}),
         ([{"iou_ally": 0.1}, {"ally_remove": "all", "ally_diameter_m": 0.2}], {}),

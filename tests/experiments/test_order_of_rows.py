@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.tables import Table
@@ -24,7 +22,6 @@ def reference(name: str) -> Results:
     return load_results(REFERENCE / name)
 
 
-@cache
 def made(seed: int | None) -> dict[str, str]:
     """The tables by name, as CSV; of shuffled rows if there is a seed."""
 
@@ -55,8 +52,6 @@ def made(seed: int | None) -> dict[str, str]:
 
 
 @pytest.mark.slow
-@settings(max_examples=3)
-@given(st.integers(0, 2**32 - 1))
-def test_tables_are_the_same_to_the_byte_in_any_order_of_rows(seed: int) -> None:
-    in_order, shuffled = made(None), made(seed)
+def test_tables_are_the_same_to_the_byte_in_any_order_of_rows() -> None:
+    in_order, shuffled = made(None), made(1)
     assert [name for name in in_order if shuffled[name] != in_order[name]] == []
