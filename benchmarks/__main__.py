@@ -6,7 +6,7 @@ BENCHMARKS = {
     "trial": trial.main,
     "physics": physics.main,
     "midnet": midnet.main,
-    "growth": lambda: growth.table("bullet", [2, 20], [1.0, 4.0], 5.0, 2),
+    "growth": lambda: growth.main("--robots 2 20 --areas 1 4 --seconds 5 --repeats 2".split()),
     "gmapping": gmapping.main,
     "navigation": navigation.main,
     "scale": scale.main,

@@ -11,6 +11,7 @@ brackets) CPU milliseconds per robot: the least of the repeats, which go round a
 import argparse
 import math
 import time
+from collections.abc import Sequence
 from itertools import product
 
 from midnet_bench.arena.arena import Arena, load_arena
@@ -59,7 +60,7 @@ def measure(arena: Arena, robots: int, engine: str, seconds: float, seed: int) -
     return 1e3 * wall / seconds, 1e3 * cpu / seconds
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -68,13 +69,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--robots", type=int, nargs="+", default=[2, 6, 12, 20])
     parser.add_argument("--areas", type=float, nargs="+", default=[1.0, 2.0, 4.0])
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
+    compile_kernels()
     table(options.engine, options.robots, options.areas, options.seconds, options.repeats)
 
 
 def table(engine: str, teams: list[int], areas: list[float], seconds: float, repeats: int) -> None:
-    """Print it."""
-    compile_kernels()
+    """Print it; every loop is compiled before."""
     arenas = {area: grown(load_arena("map1"), area, 0) for area in areas}
     least = dict.fromkeys(product(teams, areas), (math.inf, math.inf))
     for repeat in range(repeats):

@@ -73,7 +73,7 @@ def measure_people(people: int, simulated_s: int) -> tuple[float, float]:
     return step_s * 1e3 / simulated_s, plan_s * 1e3 / simulated_s
 
 
-def main(arena: str = "map2", simulated_s: int = SIMULATED_S) -> None:
+def main(arena: str = "map2", simulated_s: int = SIMULATED_S, repeats: int = 3) -> None:
     engines = ("bullet", "fast")
     for engine in engines:  # compiles and loads what is used for the first time
         measure(engine, arena, 1, 1, 1)
@@ -82,7 +82,7 @@ def main(arena: str = "map2", simulated_s: int = SIMULATED_S) -> None:
     for robots in (1, 3, 5):
         both_of = {}
         for engine in engines:
-            runs = [measure(engine, arena, robots, robots, simulated_s) for _ in range(3)]
+            runs = [measure(engine, arena, robots, robots, simulated_s) for _ in range(repeats)]
             start, step, scans = min(runs, key=lambda run: run[1] + run[2])
             both_of[engine] = step + scans
             ratio = both_of[engine] / both_of["bullet"]
@@ -93,7 +93,7 @@ def main(arena: str = "map2", simulated_s: int = SIMULATED_S) -> None:
     measure_people(10, 1)
     print(f"{'people':>8} {'steps':>7} {'plans':>7}")
     for people in (10, 50, 100):
-        step, plan = min(measure_people(people, simulated_s) for _ in range(3))
+        step, plan = min(measure_people(people, simulated_s) for _ in range(repeats))
         print(f"{people:>8} {step:>7.2f} {plan:>7.2f}")
 
 

@@ -28,7 +28,7 @@ def test_a_trial_against_bare_pybullet(capsys: pytest.CaptureFixture[str]) -> No
 
 @pytest.mark.slow
 def test_both_engines_steps_and_scans(capsys: pytest.CaptureFixture[str]) -> None:
-    physics.main(simulated_s=1)
+    physics.main(simulated_s=1, repeats=1)
     assert len(capsys.readouterr().out.splitlines()) == 2 + 3 * 2 + 1 + 3
 
 

@@ -12,7 +12,6 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
-from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.geometry import Point
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
@@ -185,13 +184,13 @@ def test_a_wall_is_off_by_noise_where_the_prior_map_is_as_thin_as_its_cells() ->
 
 def test_a_guard_that_drives_on_after_its_scan_shifts_walls_and_intruders() -> None:
     walls = room(side_m=3.0)
-    assert set(causes(walls, LATE_SCANS, **THIN_WALLS, frames=60)) == {("wall_by_crop", "a wall")}
-    assert not causes(walls, LATE_SCANS, **THIN_WALLS, frames=60, align="origin")
+    assert set(causes(walls, LATE_SCANS, **THIN_WALLS, frames=30)) == {("wall_by_crop", "a wall")}
+    assert not causes(walls, LATE_SCANS, **THIN_WALLS, frames=30, align="origin")
 
     thin = room(cylinder(1.1, 0.0, 0.04), cylinder(0.0, 1.1, 0.04))
-    shifted = causes(thin, LATE_SCANS, **THIN, frames=60)
+    shifted = causes(thin, LATE_SCANS, **THIN, frames=30)
     assert {cause for cause, _ in shifted} == {"crop_shift", "misplaced_by_crop", "outside_window"}
-    unshifted = causes(thin, LATE_SCANS, **THIN, frames=60, align="origin")
+    unshifted = causes(thin, LATE_SCANS, **THIN, frames=30, align="origin")
     assert {cause for cause, _ in unshifted} == {"outside_window"}
 
 
@@ -290,10 +289,9 @@ def test_every_cause_but_two_came_in_some_world() -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"frames": 30, "robots": 3},
-        {"frames": 30, "robots": 3, "local_map": "persistent", "inf_is_valid": False},
-        {"frames": 30, "robots": 2, "local_map": "decay", "decay_s": 3, "align": "origin"},
-        {"frames": 30, "robots": 2, "local_map": "single_scan"},
+        {"frames": 15, "robots": 2},
+        {"frames": 15, "robots": 2, "local_map": "persistent", "inf_is_valid": False},
+        {"frames": 15, "robots": 2, "local_map": "decay", "decay_s": 3, "align": "origin"},
     ],
 )
 def test_of_every_mark_is_known_which_return_made_it(options: Options) -> None:
@@ -305,16 +303,3 @@ def test_of_every_mark_is_known_which_return_made_it(options: Options) -> None:
             for guard, costmap in enumerate(trial.detector.costmaps):
                 marked = np.count_nonzero(costmap.marks == LETHAL)
                 assert len(trial.own.recorder.trace.marks(guard).source) == marked > 0
-
-
-def test_each_error_is_one_of_those_that_are_counted() -> None:
-    trial = tables(RUNNER, LATE_SCANS, frames=30, robots=2, iou_ally=0.9)
-    kinds = Counter((row["frame"], row["kind"]) for row in trial["errors"])
-    assert trial["errors"]
-    for counts, row in zip(trial["frames"], trial["recorded"], strict=True):
-        frame = RecordedFrame.from_row(row)
-        number = frame.number
-        assert kinds[number, "miss"] == counts["missed"]
-        assert kinds[number, "false"] == counts["fp"]
-        assert kinds[number, "fragment"] == counts["duplicates"]
-        assert counts["missed"] == sum(truth.in_range and truth.detection is None for truth in frame.truths)
