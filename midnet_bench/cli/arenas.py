@@ -64,7 +64,7 @@ def from_image(
     text, notes = made_from(image, resolution, drop_specks)
     for note in notes:
         messages.note(f"note: {note}")
-    _give(text, output)
+    _give(text, output, image)
 
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
@@ -82,7 +82,7 @@ def from_map(
     """
     from midnet_bench.workflows.arenas import from_map as made_from
 
-    _give(made_from(map_file, unknown), output)
+    _give(made_from(map_file, unknown), output, map_file)
 
 
 @command(example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
@@ -99,6 +99,8 @@ def check(name: options.ArenaFile, output: Path | None = None, as_json: options.
     from midnet_bench.workflows.arenas import check as checked
     from midnet_bench.workflows.arenas import write_picture
 
+    if output is not None and output.suffix.lower() != ".png":
+        raise InputError(f"-o {output}: the picture is a PNG; give a name that ends in .png")
     found, faults, closed = checked(name)
     if output is not None:
         write_picture(found, faults, output)
@@ -123,11 +125,13 @@ def check(name: options.ArenaFile, output: Path | None = None, as_json: options.
         raise typer.Exit(BROKEN)
 
 
-def _give(text: str, output: Path | None) -> None:
-    """Print a file, or write it."""
+def _give(text: str, output: Path | None, source: Path) -> None:
+    """Print the file that was made of another one, or write it. Raises InputError: it would replace that."""
     if output is None:
         typer.echo(text, nl=False)
         return
+    if output.exists() and output.samefile(source):
+        raise InputError(f"-o {output}: the arena is made of this file; give another name")
     from midnet_bench.io.files import write_atomically
 
     write_atomically(output, text)

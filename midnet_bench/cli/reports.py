@@ -70,6 +70,8 @@ def compare(
         if len(directories) != 1:
             raise InputError("compare: --rank ranks one campaign; give one folder")
         page = output or directories[0] / "leaderboard.md"
+        if page.suffix != ".md":
+            raise InputError(f"-o {page}: the ranking is a page of Markdown; give a name that ends in .md")
         tables = workflow.rank(directories[0], of or [], rank_by)
         workflow.write_ranking(directories[0], tables, page)
         show(None, tables, as_json, wide)

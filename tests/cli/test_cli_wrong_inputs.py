@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.map_server import save_map
 from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 from tests.cli.test_cli_map import write_arena
 from tests.stores import detection_store, labyrinth_store
@@ -32,6 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "plan.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
     (place / "folder.yaml").mkdir()
     write_arena(place).rename(place / "crowded.yaml")
+    save_map(OccupancyGrid(np.eye(20, dtype=np.int8) * 100, 0.05, (0.0, 0.0)), place / "old.yaml")
     return place
 
 
@@ -81,6 +85,9 @@ WRONG: list[tuple[str, str]] = [
         "nothing to pair: detection has seeds 101 to 120, mine has seed 1; run mine with --seed 101",
     ),
     ("compare --rank results/teams", "name a factor: --of robots"),
+    ("compare --rank results/teams --of robots -o results/teams/scores.csv", "give a name that ends in .md"),
+    ("arena check crowded.yaml -o crowded.yaml", "the picture is a PNG; give a name that ends in .png"),
+    ("arena from-map old.yaml -o old.yaml", "the arena is made of this file; give another name"),
     ("compare --rank results/teams results/mine", "--rank ranks one campaign"),
     ("compare --exact results/mine", "no numbers are committed for a campaign of this name"),
     ("verify results/one-trial --difference 5", "--difference needs 2, so --seeds 2"),
