@@ -6,7 +6,9 @@ BENCHMARKS = {
     "trial": trial.main,
     "physics": physics.main,
     "midnet": midnet.main,
-    "growth": lambda: growth.main("--robots 2 20 --areas 1 4 --seconds 5 --repeats 2".split()),
+    "growth": lambda: growth.main(
+        ["--robots", "2", "20", "--areas", "1", "4", "--seconds", "5", "--repeats", "2"]
+    ),
     "gmapping": gmapping.main,
     "navigation": navigation.main,
     "scale": scale.main,
