@@ -54,12 +54,7 @@ def test_many_settings_stand_side_by_side_instead_of_over_each_other() -> None:
 def test_axes_are_labelled_in_words_with_units() -> None:
     assert axis_label("f1_one_to_one") == "F1, one-to-one"
     assert axis_label("gospa_per_frame_m") == "GOSPA, m per frame"
-    assert axis_label("dying_after_s", "Simulated time at which guards die.") == (
-        "simulated time at which guards die, s"
-    )
-    assert axis_label("iou_x", "IoU from which boxes overlap, t of Algorithm 2.") == (
-        "IoU from which boxes overlap"
-    )
-    assert axis_label(
-        "goal_timeout_s", "A robot that has stayed within half a metre for this long gives up."
-    ) == ("goal timeout, s")
+    assert axis_label("dying_after_s", "Time at which guards die.") == "time at which guards die, s"
+    assert axis_label("iou_x", "IoU of boxes that overlap, t of Algorithm 2.") == "IoU of boxes that overlap"
+    long = "A robot that has stayed within half a metre for this long gives up."
+    assert axis_label("goal_timeout_s", long) == "goal timeout, s"

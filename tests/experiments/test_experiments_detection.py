@@ -151,23 +151,16 @@ def test_the_prior_map_is_fatter_than_the_local_one() -> None:
     assert (prior.data == 0).sum() > (local.data == 0).sum() > (exact.data == 100).sum()
 
 
-def test_a_map_from_a_file_gives_what_the_exact_one_gives(tmp_path: Path) -> None:
-    save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
-    from_file = detection(prior_map=str(tmp_path / "map.yaml"))
-    assert as_bytes(from_file) == as_bytes(detection(prior_map="exact"))
-
-
-def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
-    arena = tmp_path / "mine.yaml"
+def test_a_trial_of_files_is_that_of_their_contents_and_does_not_read_them_again(tmp_path: Path) -> None:
+    arena, map_file = tmp_path / "mine.yaml", tmp_path / "map.yaml"
     arena.write_text(load_arena("map1").model_dump_json())
-    save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
-    parameters = DetectionParameters.of(
-        robots=1, frames=5, arena=str(arena), prior_map=str(tmp_path / "map.yaml")
-    )
-    spec = TrialSpec("detection", parameters.flat_values(), 1)
+    save_map(render_exact(load_arena("map1")), map_file)
+    files = {"arena": str(arena), "prior_map": str(map_file)}
+    values = DetectionParameters.of(robots=2, frames=10, engine="fast", **files).flat_values()
     for file in tmp_path.iterdir():
         file.unlink()
-    assert run_trials([spec])[0].tables["scores"]
+    (result,) = run_trials([TrialSpec("detection", values, 3)])
+    assert as_bytes(result) == as_bytes(detection(prior_map="exact"))
 
 
 def test_a_file_counts_by_its_contents(tmp_path: Path) -> None:

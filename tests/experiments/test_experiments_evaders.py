@@ -76,17 +76,11 @@ def test_who_hides_goes_behind_the_nearest_wall_and_stays_there() -> None:
     [
         ("mobile_intruders", {"behaviour": "follow"}, "mobile_intruders: behaviour: follow goes with path_m"),
         ("mobile_intruders", {"pause_s": 60}, "walk_s and pause_s go together"),
-        ("mobile_intruders", {"behaviour": "run"}, "mobile_intruders.behaviour"),
         ("other_intruders", [{"kind": "dog"}], "other_intruders.0.kind"),
-        ("other_intruders", [{"kind": "person", "speed_mps": 2.5}], "other_intruders.0.speed_mps"),
         ("other_intruders", [{"kind": "person", "size_m": [1, 1]}], "people have none here"),
         ("other_intruders", [{"kind": "box", "starts_m": [[0, 1], [1, 0]]}], "more places than intruders"),
         ("other_intruders", [{"kind": "box", "starts_m": [[4, 1]]}], "starts_m.0: (4, 1) is not inside"),
-        (
-            "mobile_intruders",
-            {"behaviour": "follow", "path_m": [[0, 9]]},
-            "mobile_intruders.path_m.0: (0, 9) is not inside the enclosure",
-        ),
+        ("mobile_intruders", {"behaviour": "follow", "path_m": [[0, 9]]}, "path_m.0: (0, 9) is not"),
     ],
 )
 def test_wrong_behaviour_is_one_line_with_its_key(key: str, value: object, said: str) -> None:
@@ -116,9 +110,8 @@ def test_older_arenas_are_written_as_ever() -> None:
 
 
 def test_the_labyrinth_has_no_people() -> None:
-    values = {"arena": json.dumps(PEOPLE), "prior_map": "exact"}
     with pytest.raises(InputError, match="leave out other_intruders"):
-        LabyrinthParameters.parse(values, "test").with_files_read()
+        LabyrinthParameters.of(arena=json.dumps(PEOPLE), prior_map="exact")
 
 
 @pytest.mark.slow
@@ -136,28 +129,24 @@ def test_people_are_seen_scored_and_the_same_again(engine: str) -> None:
         assert max(walked[1:3]) > 0.5
         people = [frame.truths[1].box for frame in frames]
         assert all(0.12 <= box.x_max - box.x_min < 1.1 for box in people)
-        assert any(any(match in (1, 2) for match in _found(frame)) for frame in frames)
+        assert any(
+            box.intersection_area(person.box) > 0.0
+            for frame in frames
+            for person in frame.truths[1:3]
+            for box in frame.midnet.detections
+        )
         trial.causes(frames[-1], trial.own)
     short = parameters(engine, frames=5)
     assert run_detection(short, 1) == run_detection(short, 1)
 
 
-def _found(frame) -> set[int]:
-    return {
-        number
-        for number, truth in enumerate(frame.truths)
-        for box in frame.midnet.detections
-        if box.intersection_area(truth.box) > 0.0
-    }
-
-
 @pytest.mark.slow
 def test_burgers_pause_and_their_number_is_an_option() -> None:
     paused = {**ROOM, "mobile_intruders": {"count": 3, "walk_s": 1.0, "pause_s": 30.0}}
-    with DetectionTrial(parameters("fast", arena=json.dumps(paused), intruders=2, frames=40), 1) as trial:
+    with DetectionTrial(parameters("fast", arena=json.dumps(paused), intruders=2, frames=20), 1) as trial:
         frames = list(trial.frames())
         assert [truth.name for truth in frames[0].truths] == ["intruder 1", "intruder 2"]
-        for early, late in zip(frames[20].truths, frames[-1].truths, strict=True):
+        for early, late in zip(frames[12].truths, frames[-1].truths, strict=True):
             assert early.box.center == pytest.approx(late.box.center, abs=0.01)
     with DetectionTrial(parameters("fast", arena=json.dumps(PEOPLE), intruders=0, frames=1), 1) as trial:
         assert not trial.intruders

@@ -65,8 +65,7 @@ def test_one_robot_maps_the_hall_and_nothing_beyond_its_door(
 
 
 def test_nobody_is_in_the_building_while_it_is_mapped(alone: tuple[Exploration, list[Snapshot]]) -> None:
-    exploration, _ = alone
-    grid = exploration.grid
+    grid = alone[0].grid
     column, row = grid.cell_at(-0.5, 0.5)
     assert (grid.data[row - 6 : row + 7, column - 6 : column + 7] == 0).all()
 
@@ -127,11 +126,8 @@ def test_the_time_limit_leaves_half_a_map_and_says_so() -> None:
     assert [round(snapshot.time_s, 3) for snapshot in snapshots] == [1.0, 1.5]
     assert exploration.warnings[0] == "stopped at the time limit of 1.5 s, frontiers left"
     assert exploration.warnings[1].startswith("only ")
-    longest = exploration.gaps[0]
-    assert (
-        f"{longest.length_m:.2f} m at ({longest.place[0]:.2f}, {longest.place[1]:.2f})"
-        in exploration.warnings[2]
-    )
+    longest, (x_m, y_m) = exploration.gaps[0]
+    assert f"{longest:.2f} m at ({x_m:.2f}, {y_m:.2f})" in exploration.warnings[2]
 
 
 def test_the_registry_runs_it_and_its_tables_are_whole() -> None:

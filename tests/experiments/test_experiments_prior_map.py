@@ -116,7 +116,7 @@ def test_behind_a_thin_wall_is_as_much_margin_as_behind_a_thick_one(unknown: str
 def test_guards_patrol_and_detect_on_an_explored_map_as_on_the_exact_one(packaged: Path) -> None:
     scores = {}
     for prior_map in ("explored", "exact"):
-        parameters = DetectionParameters.of(prior_map=prior_map, frames=40)
+        parameters = DetectionParameters.of(engine="fast", prior_map=prior_map, frames=20)
         (scores[prior_map],) = run_detection(parameters, 1).tables["scores"]
     assert scores["explored"]["tp"]
     assert scores["explored"] == scores["exact"]

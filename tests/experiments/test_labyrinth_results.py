@@ -138,11 +138,11 @@ def test_times_are_means_over_intruders_and_a_long_capture_weighs_as_its_trial_d
 
 def test_every_cell_has_a_row_of_plain_numbers(results: Results) -> None:
     rows = cells_table(variants_of(results)).flat_rows()
-    assert [row["detected_not_caught"] for row in rows] == [50.0, 25.0, 50.0, 25.0]
-    for row, (k, q) in zip(rows, [(1, 1), (1, 3), (2, 1), (2, 3)], strict=True):
-        assert (row["intruders"], row["robots"], row["trials"], row["time_to_detect_s"]) == (k, q, 8, 10.0)
-        assert isinstance(row["success_rate_low"], float)
-        assert row["success_rate_low"] < 75.0 < float(row["success_rate_high"] or 0) + 25.0
+    keys = ("intruders", "robots", "trials", "time_to_detect_s", "detected_not_caught")
+    assert [tuple(row[key] for key in keys) for row in rows] == [
+        (k, q, 8, 10.0, missed) for k in (1, 2) for q, missed in ((1, 50.0), (3, 25.0))
+    ]
+    assert all(row["success_rate_low"] < row["success_rate"] < row["success_rate_high"] for row in rows)
 
 
 def test_health_is_per_robot_and_tells_the_worst(results: Results) -> None:
