@@ -2,6 +2,7 @@ import json
 import math
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -175,3 +176,33 @@ def test_a_file_counts_by_its_contents(tmp_path: Path) -> None:
     assert trial_id() == before  # the same walls
     save_map(OccupancyGrid(np.zeros((160, 160), np.int8), 0.05, (-4.0, -4.0)), tmp_path / "map.yaml")
     assert trial_id() != before
+
+
+def worst_late_error_m(**changes: object) -> float:
+    """Of a guard with slipping wheels, in the second half of 60 s."""
+    parameters = DetectionParameters.of(
+        engine="fast", arena="empty", prior_map="exact", robots=1, frames=300, odometry="encoder", **changes
+    )
+    with DetectionTrial(parameters, 1001) as trial:
+        guard = trial.guards[0]
+        errors_m: list[float] = []
+        observe = guard.observe
+
+        def observe_and_compare(*scan: Any) -> None:
+            observe(*scan)
+            x, y = trial.world.poses()[guard.index, :2].tolist()
+            errors_m.append(math.hypot(guard.pose.x - x, guard.pose.y - y))
+
+        guard.observe = observe_and_compare  # type: ignore[method-assign]
+        for _ in trial.frames():
+            pass
+    assert len(errors_m) > 290
+    return max(errors_m[150:])
+
+
+@pytest.mark.slow
+def test_the_prior_map_takes_the_drift_out_of_a_guards_pose() -> None:
+    drifting, held = (worst_late_error_m(localization=one) for one in ("ukf", "ukf+map"))
+    assert drifting > 0.015
+    assert held < 0.01
+    assert held < drifting / 3.0

@@ -1,15 +1,19 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
+from midnet_bench.io.map_server import save_map
 
 Floats = npt.NDArray[np.float64]
 # a long corridor with the guard's post in the middle: who goes from end to end has to pass it
@@ -217,3 +221,19 @@ def test_a_fleeing_intruder_keeps_away_longer() -> None:
         run_labyrinth(corridor(time_limit_s=48.0, **one), 2).tables["trial"][0]["caught"] for one in evasions
     ]
     assert caught == [1, 0]
+
+
+@pytest.mark.slow
+def test_the_labyrinth_takes_scan_matching_and_a_map_from_a_file(tmp_path: Path) -> None:
+    save_map(render_exact(load_arena("map2")), tmp_path / "map.yaml")
+    parameters = LabyrinthParameters.of(
+        prior_map=str(tmp_path / "map.yaml"),
+        engine="fast",
+        robots=2,
+        time_limit_s=8.0,
+        localization="ukf+map",
+        odometry="encoder",
+    )
+    robots = run_labyrinth(parameters, 1001).tables["robots"]
+    assert len(robots) == 3
+    assert max(float(str(row["pose_error_m"])) for row in robots) < 0.05

@@ -75,10 +75,9 @@ def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: py
     [
         (partial(DetectionParameters.of, arena="empty"), r"midnet-bench map empty.*--map.*exact"),
         (partial(DetectionParameters.of, arena="own.yaml"), r"midnet-bench map ARENA\.yaml"),
-        (partial(DetectionParameters.of, arena="map9"), "map9"),
         (LabyrinthParameters.of, "midnet-bench map map2"),
     ],
-    ids=["packaged arena", "own arena", "no arena", "labyrinth"],
+    ids=["packaged arena", "own arena", "labyrinth"],
 )
 def test_an_arena_without_an_explored_map_says_how_to_make_one(
     packaged: Path, monkeypatch: pytest.MonkeyPatch, parameters: Callable[..., object], said: str

@@ -25,6 +25,7 @@ from midnet_bench.experiments.mapping.tables import (
 from midnet_bench.workflows.report import write_report
 from midnet_bench.workflows.verify import verify
 from tests.cli.command import rows
+from tests.stores import robot_row
 
 SEEDS = range(1, 5)
 
@@ -43,20 +44,6 @@ def map_row(robots: int, seed: int, **changes: Scalar) -> Row:
     }
 
 
-def robot_row(number: int) -> Row:
-    return {
-        "robot": f"explorer {number}",
-        "distance_m": 20.0,
-        "goals_reached": 5,
-        "goals_given_up": 1,
-        "stuck_s": 3.0,
-        "collisions": 0,
-        "walls_crossed": 0,
-        "recoveries": 2,
-        "pose_error_m": 0.01 * number,
-    }
-
-
 def mapping_store(
     folder: Path,
     changes: dict[tuple[str, int, int], Row],
@@ -68,20 +55,20 @@ def mapping_store(
     grid: dict[str, list[Scalar]] = {"arena": [*arenas], "robots": [1, 3]}
     store = open_or_create(folder / "campaign.sqlite", Definition("mapping", 1, len(SEEDS), grid, {}))
     run_id = store.begin_run(collect(1))
-    for arena in arenas:
-        for robots in (1, 3):
-            for seed in SEEDS:
-                spec = TrialSpec("mapping", {"arena": arena, "robots": robots}, seed)
-                if (arena, robots, seed) == failed:
-                    store.record(run_id, spec, Outcome(spec.trial_id, 1.0, failure="ValueError: no"))
-                    continue
-                row = map_row(robots, seed, **changes.get((arena, robots, seed), {}))
-                team = [robot_row(number) for number in range(1, robots + 1)]
-                tables = {"maps": [row], "robots": team}
-                if (arena, robots, seed) == gap:
-                    tables["gaps"] = [{"length_m": 0.15, "x_m": -1.0, "y_m": 2.0}]
-                result = TrialResult(tables, 100.0)
-                store.record(run_id, spec, Outcome(spec.trial_id, 6.0, 100.0, encode_tables(result)))
+    for arena, robots, seed in itertools.product(arenas, (1, 3), SEEDS):
+        spec = TrialSpec("mapping", {"arena": arena, "robots": robots}, seed)
+        if (arena, robots, seed) == failed:
+            store.record(run_id, spec, Outcome(spec.trial_id, 1.0, failure="ValueError: no"))
+            continue
+        row = map_row(robots, seed, **changes.get((arena, robots, seed), {}))
+        explorer = robot_row("explorer", 100.0, stuck_s=3.0) | {"recoveries": 2}
+        explorer.pop("role")  # all are explorers
+        team = [explorer | {"pose_error_m": 0.01 * number} for number in range(1, robots + 1)]
+        tables = {"maps": [row], "robots": team}
+        if (arena, robots, seed) == gap:
+            tables["gaps"] = [{"length_m": 0.15, "x_m": -1.0, "y_m": 2.0}]
+        result = TrialResult(tables, 100.0)
+        store.record(run_id, spec, Outcome(spec.trial_id, 6.0, 100.0, encode_tables(result)))
     store.close()
     return load_results(folder)
 
