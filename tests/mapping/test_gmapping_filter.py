@@ -1,11 +1,9 @@
 """The filter as a whole, in a small simulated room with wheels that lie."""
 
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
+import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -13,6 +11,7 @@ import pytest
 from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.mapping.gmapping import (
     GMapping,
+    cores,
     effective_particles,
     move_particles,
     noise_deviations,
@@ -29,6 +28,7 @@ LIDAR = LDS_01
 START = Pose2D(1.0, 1.0, 0.0)
 TURTLEBOT3 = GmappingSettings()
 WHEELS = GmappingSettings(
+    particles=6,
     max_usable_range_m=4.0,
     sigma_m2=0.05 * 0.05,
     linear_reliability=10.0,
@@ -127,18 +127,15 @@ def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
 
     alone = ran(1)
     assert len(alone.trajectory) > 9
-    for threads in (2, 3, 40):
+    for threads in (2, 40):
         assert said(ran(threads)) == said(alone)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("count", ["1", "2"])
-def test_cores_are_those_that_numba_may_use(count: str) -> None:
-    # joblib's workers set the variable to 1
-    code = "from midnet_bench.mapping.gmapping import cores; print(cores())"
-    environment = {**os.environ, "NUMBA_NUM_THREADS": count}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
-    assert done.stdout.strip() == count
+def test_cores_are_those_that_numba_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    # joblib's workers have one each
+    for count in (1, 7):
+        monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", count)
+        assert cores() == count
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +212,8 @@ def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(journey: Drive) -> None:
     part = Drive(*(column[:50] for column in journey))
-    first, again, other = (run(part, TURTLEBOT3, seed) for seed in (1, 1, 2))
+    settings = replace(TURTLEBOT3, particles=6)
+    first, again, other = (run(part, settings, seed) for seed in (1, 1, 2))
     assert first.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
     assert first.occupancy().data.tobytes() == again.occupancy().data.tobytes()
     assert first.trajectory.poses.tobytes() != other.trajectory.poses.tobytes()
