@@ -97,11 +97,8 @@ def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
 
 MOST_OPTIONS = 120
 SHORT: dict[str, Scalar] = {
-    "engine": "fast",
-    "robots": 2,
-    "frames": 10,
-    "prior_map": "exact",
-    "odometry": "encoder",
+    **{"engine": "fast", "robots": 2, "frames": 10},
+    **{"prior_map": "exact", "odometry": "encoder"},
 }
 
 

@@ -1,9 +1,8 @@
 """An intruder counts as missed only within the usable range: 2.5 m, or what obstacle_range_m says."""
 
-from pathlib import Path
+import json
 
 import pytest
-import yaml
 
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
@@ -13,7 +12,7 @@ SIDE_M = 0.4
 FARTHER = {"obstacle_range_m": 3.0, "raytrace_range_m": 3.5}
 
 
-def hall(folder: Path, gap_m: float, rule: str = "edge") -> str:
+def hall(gap_m: float, rule: str) -> str:
     """An arena whose one intruder, a box, stands ``gap_m`` ahead of the only guard's LiDAR."""
     beyond_m = SIDE_M / 2.0 if rule == "edge" else 0.0
     box = {"shape": "box", "x_m": LDS_01.mount.x + gap_m + beyond_m, "y_m": 0.0, "size_m": [SIDE_M, SIDE_M]}
@@ -27,14 +26,12 @@ def hall(folder: Path, gap_m: float, rule: str = "edge") -> str:
         "walls": [corners],
         "stationary_intruders": {"placed": [box]},
     }
-    path = folder / "hall.yaml"
-    path.write_text(yaml.safe_dump(arena))
-    return str(path)
+    return json.dumps(arena)
 
 
-def is_in_range(folder: Path, gap_m: float, rule: str, **changes: object) -> bool:
+def is_in_range(gap_m: float, rule: str, **changes: object) -> bool:
     parameters = DetectionParameters.of(
-        arena=hall(folder, gap_m, rule), prior_map="exact", in_range=rule, **changes
+        engine="fast", arena=hall(gap_m, rule), prior_map="exact", in_range=rule, **changes
     )
     with DetectionTrial(parameters, 1) as trial:
         (answer,) = trial.in_range()
@@ -42,19 +39,19 @@ def is_in_range(folder: Path, gap_m: float, rule: str, **changes: object) -> boo
 
 
 @pytest.mark.parametrize("rule", ["edge", "centre"])
-def test_usable_range_is_two_and_a_half_metres_by_default(tmp_path: Path, rule: str) -> None:
-    assert is_in_range(tmp_path, 2.45, rule)
-    assert not is_in_range(tmp_path, 2.55, rule)
+def test_usable_range_is_two_and_a_half_metres_by_default(rule: str) -> None:
+    assert is_in_range(2.45, rule)
+    assert not is_in_range(2.55, rule)
 
 
 @pytest.mark.parametrize("rule", ["edge", "centre"])
-def test_usable_range_follows_obstacle_range(tmp_path: Path, rule: str) -> None:
-    assert is_in_range(tmp_path, 2.95, rule, **FARTHER)
-    assert not is_in_range(tmp_path, 3.05, rule, **FARTHER)
-    assert not is_in_range(tmp_path, 2.05, rule, obstacle_range_m=2.0)
+def test_usable_range_follows_obstacle_range(rule: str) -> None:
+    assert is_in_range(2.95, rule, **FARTHER)
+    assert not is_in_range(3.05, rule, **FARTHER)
+    assert not is_in_range(2.05, rule, obstacle_range_m=2.0)
 
 
-def test_line_of_sight_reaches_as_far_as_the_usable_range(tmp_path: Path) -> None:
+def test_line_of_sight_reaches_as_far_as_the_usable_range() -> None:
     exact = {"require_line_of_sight": True, "lidar_noise": "none"}
-    assert is_in_range(tmp_path, 2.45, "edge", **exact)
-    assert is_in_range(tmp_path, 2.95, "edge", **exact, **FARTHER)
+    assert is_in_range(2.45, "edge", **exact)
+    assert is_in_range(2.95, "edge", **exact, **FARTHER)
