@@ -84,7 +84,7 @@ def control_cycle() -> set[str]:
 def midnet_frame() -> set[str]:
     """From the scans of two guards to the row of scores, without physics and driving."""
     parameters = DetectionParameters.of(robots=2, frames=10)
-    driving = ("Localizer.step", "MobileRobot.control", "Navigator.observe", "Progress.update")
+    driving = ("Fleet._localize", "MobileRobot.control", "Navigator.observe", "Dwell.update")
     world = ("World.step", "World.drive", "World.velocities", "ImuSensors.read")
     noted = ("HealthTracker.update", "Standstill.update")
     rest = ("DetectionTrial.__init__", "RobotTrial.rows_of_robots", "RobotTrial.__exit__")

@@ -103,10 +103,10 @@ class Explorer(MobileRobot):
             self.drive_to(place)
 
     def _settle_goal(self, time_s: float) -> None:
-        had_goal, given_up = self.goal is not None, self.progress.goals_given_up
+        had_goal, given_up = self.goal is not None, self.goals_given_up
         super()._settle_goal(time_s)
         if had_goal and self.goal is None and not self.is_done:
-            succeeded = self.progress.goals_given_up == given_up
+            succeeded = self.goals_given_up == given_up
             self._frontiers.report(succeeded)
             if succeeded:
                 self._looks = True

@@ -38,8 +38,8 @@ class RobotTrial:
             {
                 "robot": robot.name,
                 "distance_m": float(health.distances_m[robot.index]),
-                "goals_reached": robot.progress.goals_reached,
-                "goals_given_up": robot.progress.goals_given_up,
+                "goals_reached": robot.goals_reached,
+                "goals_given_up": robot.goals_given_up,
                 "stuck_s": self.fleet.stands[robot.index].stuck_s,
                 "collisions": int(collisions[robot.index]),
                 "walls_crossed": int(health.crossings[robot.index]),

@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from midnet_bench.agents.mobile_robot import Dwell, Localizer, MobileRobot
+from midnet_bench.agents.mobile_robot import Dwell, MobileRobot
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import STOP, Booleans, Floats, Indices, Pose2D, lengths
+from midnet_bench.geometry import STOP, Booleans, Floats, Indices, Pose2D, lengths, wrap_angle
+from midnet_bench.localization.ukf import UkfTeam
 from midnet_bench.rng import stream
 from midnet_bench.simulation.sensors import EncoderOdometers, ImuSensors, LidarSensors
 from midnet_bench.simulation.world import World
@@ -63,7 +64,9 @@ class Fleet:
             if settings.odometry.source == "encoder"
             else None
         )
-        self._localizer = Localizer(robots)
+        filters = [robot.ukf for robot in robots if robot.ukf is not None]
+        self._filters = UkfTeam(filters) if filters else None
+        """of all robots; None: each believes its odometry"""
         self.scan_callbacks: list[ScanCallback] = []
         """called with each scan once the robots have it"""
         starts = [*world.layout.robots, *world.layout.intruders]
@@ -121,6 +124,7 @@ class Fleet:
         ]
 
     def _localize(self, robots: Sequence[MobileRobot]) -> None:
+        """Let the robots due know where they are."""
         elapsed_s, rows = 1.0 / CONTROL_HZ, _indices(robots)
         poses, velocities = self.world.poses(), self.world.velocities(rows)
         headings = poses
@@ -131,7 +135,15 @@ class Fleet:
         imus = self._imus.read(rows, headings, velocities, elapsed_s)
         if self._odometers is not None:
             velocities = self._odometers.update(rows, self.world.wheel_angles(), elapsed_s)
-        self._localizer.step(robots, rows, poses, velocities, imus, elapsed_s)
+        if self._filters is None:
+            states = np.column_stack((poses, velocities))[rows]
+            for robot, (x, y, yaw, speed, turn) in zip(robots, states.tolist(), strict=True):
+                robot.localize(Pose2D(x, y, yaw), (speed, turn))
+            return
+        self._filters.step(rows, velocities, imus, elapsed_s)
+        for robot, state in zip(robots, self._filters.states[rows].tolist(), strict=True):
+            x, y, yaw, speed, _, turn = state
+            robot.localize(Pose2D(x, y, wrap_angle(yaw)), (speed, turn))
 
     def _scan(self, robots: Sequence[MobileRobot]) -> None:
         if not robots:
@@ -147,7 +159,7 @@ class Fleet:
         time_s = self.time_s
         places = self.world.poses()[_indices(robots), :2].tolist()
         for robot, (x, y) in zip(robots, places, strict=True):
-            self.stands[robot.index].update(x, y, time_s, robot.goal is not None, robot.progress.goals_set)
+            self.stands[robot.index].update(x, y, time_s, robot.goal_number)
             self.world.drive(robot.index, robot.control(time_s))
 
 
@@ -177,23 +189,18 @@ class HealthTracker:
 class Standstill:
     """The time that one robot stood although it had a goal, from its true positions; for ``robots.csv``."""
 
-    RADIUS_M = 0.25
     STUCK_AFTER_S = 5.0
 
     def __init__(self) -> None:
         self.stuck_s = 0.0
         """seconds with a goal but within 0.25 m of one place, where that lasted longer than 5 s: a Burger
         under way is through such a circle in 2.3 s, and one that swings to and fro never leaves it"""
-        self._dwell = Dwell(self.RADIUS_M)
+        self._dwell = Dwell(0.25)
         self._counted_until_s = 0.0
-        self._goal = -1
 
-    def update(self, x: float, y: float, time_s: float, has_goal: bool, goal: int) -> None:
-        """Note where the robot is, map frame, metres, and its goal, by number; a new one begins anew."""
-        if goal != self._goal or not has_goal:
-            self._goal = goal
-            self._dwell.begin(x, y, time_s)
-        self._dwell.update(x, y, time_s)
+    def update(self, x: float, y: float, time_s: float, goal: int | None) -> None:
+        """Note where the robot is, map frame, metres, and its goal, as for ``Dwell``."""
+        self._dwell.update(x, y, time_s, goal)
         if time_s - self._dwell.since_s > self.STUCK_AFTER_S:
             # a long stand counts from its beginning
             self.stuck_s += time_s - max(self._dwell.since_s, self._counted_until_s)

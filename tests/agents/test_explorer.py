@@ -118,11 +118,11 @@ def test_a_drive_without_progress_is_given_up_and_blacklisted() -> None:
     assert first is not None
     for tick in range(400):  # its wheels do not turn
         time_s = 0.3 + 0.1 * tick
-        robot.progress.update(0.0, 0.0, time_s, robot.goal is not None)
+        robot.dwell.update(0.0, 0.0, time_s, robot.goal_number)
         robot.control(time_s)
-        if robot.progress.goals_given_up:
+        if robot.goals_given_up:
             break
-    assert robot.progress.goals_given_up == 1
+    assert robot.goals_given_up == 1
     assert robot.goal is None or max(abs(robot.goal[0] - first[0]), abs(robot.goal[1] - first[1])) >= 0.5
 
 

@@ -43,7 +43,7 @@ def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
     engine: str, goal: tuple[float, float]
 ) -> None:
     robot, near_s = drive(engine, goal, seed=2001)
-    assert robot.progress.goals_given_up == 1
+    assert robot.goals_given_up == 1
     assert near_s <= 10.0 + 1.75 / 0.18 + 0.2  # two control periods of slack
 
 
@@ -52,4 +52,4 @@ def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
 def test_a_goal_just_behind_a_large_unknown_obstacle_is_reached(engine: str) -> None:
     behind = BLOCK.pose.compose(Pose2D(0.0, 0.75, 0.0))
     robot, _ = drive(engine, (behind.x, behind.y), seed=2001)
-    assert robot.progress.goals_reached == 1
+    assert robot.goals_reached == 1

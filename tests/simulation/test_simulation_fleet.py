@@ -82,8 +82,8 @@ STANDS = [(0.0, 0.0)]
 def test_a_stand_counts_from_five_seconds_on(places: list[tuple[float, float]], stuck_s: float) -> None:
     stand, idle = Standstill(), Standstill()
     for step, (x, y) in enumerate(places):
-        stand.update(x, y, 0.1 * step, True, 1)
-        idle.update(x, y, 0.1 * step, False, 1)
+        stand.update(x, y, 0.1 * step, 1)
+        idle.update(x, y, 0.1 * step, None)
     assert stand.stuck_s == pytest.approx(stuck_s)
     assert idle.stuck_s == 0.0, "without a goal"
 
@@ -91,5 +91,5 @@ def test_a_stand_counts_from_five_seconds_on(places: list[tuple[float, float]], 
 def test_a_new_goal_begins_anew() -> None:
     busy = Standstill()
     for step in range(90):
-        busy.update(0.0, 0.0, 0.1 * step, True, step // 45)
+        busy.update(0.0, 0.0, 0.1 * step, step // 45)
     assert busy.stuck_s == 0.0
