@@ -2,7 +2,6 @@
 
 import functools
 import math
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,8 +11,8 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D
-from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
-from midnet_bench.navigation.navigation_settings import CostmapSettings, Footprint
+from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, window_of
+from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 Cells = npt.NDArray[np.uint8]
 
@@ -29,11 +28,6 @@ PUBLISHED = np.array([0, *(1 + 97 * np.arange(252) // 251), 99, OCCUPIED, UNKNOW
 def published(costs: Cells) -> npt.NDArray[np.int8]:
     """(H, W) int8 occupancy values of a costmap, as costmap_2d publishes them."""
     return np.asarray(cv2.LUT(costs, PUBLISHED), dtype=np.int8)
-
-
-def corner_array(footprint: Footprint) -> Floats:
-    """(N, 2) float64 corners, metres."""
-    return np.array(footprint, dtype=np.float64).reshape(-1, 2)
 
 
 def reach_cells(radius_m: float, resolution: float) -> int:
@@ -75,8 +69,8 @@ class Costmap:
         self._costs: Cells | None = None
         self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
-        cleared = settings.footprint if settings.footprint_clearing else ()
-        self._footprint_cells = corner_array(cleared) / settings.resolution
+        cleared = settings.footprint if settings.footprint_clearing else np.empty((0, 2))
+        self._footprint_cells = np.array(cleared) / settings.resolution
         self._raytrace_cells = reach_cells(settings.raytrace_range_m, settings.resolution)
         self._lattice = (float(lattice_origin[0]), float(lattice_origin[1]), float(settings.resolution))
 
@@ -161,9 +155,9 @@ class Costmap:
         right, up = column - self.column, row - self.row
         if (right, up) == (0, 0) and self.marks.shape == (height, width):
             return
-        self.marks = _moved(self.marks, right, up, width, height, self._unseen)
+        self.marks = window_of(self.marks, right, up, width, height, self._unseen)
         if not self._remembers_for_ever:
-            self._marked_at_s = _moved(self._marked_at_s, right, up, width, height, -math.inf)
+            self._marked_at_s = window_of(self._marked_at_s, right, up, width, height, -math.inf)
         self.column, self.row = column, row
 
     def _follow(self, pose: Pose2D) -> None:
@@ -172,17 +166,6 @@ class Costmap:
     def _obstacles(self) -> Cells:
         """(H, W) uint8: what is inflated."""
         return self.marks
-
-
-def _moved(
-    old: npt.NDArray[Any], right: int, up: int, width: int, height: int, unseen: float
-) -> npt.NDArray[Any]:
-    """(height, width): what ``old`` holds from column ``right``, row ``up`` on, and ``unseen`` beyond it."""
-    kept = old[max(up, 0) : max(up + height, 0), max(right, 0) : max(right + width, 0)]
-    x, y = max(-right, 0), max(-up, 0)
-    new = np.full((height, width), unseen, dtype=old.dtype)
-    new[y : y + kept.shape[0], x : x + kept.shape[1]] = kept
-    return new
 
 
 class RollingCostmap(Costmap):

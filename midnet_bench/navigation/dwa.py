@@ -8,7 +8,7 @@ import numpy as np
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Command, Floats, Pose2D, wrap_angle
-from midnet_bench.navigation.costmap import Cells, RollingCostmap, corner_array
+from midnet_bench.navigation.costmap import Cells, RollingCostmap
 from midnet_bench.navigation.local_planner import (
     GOAL,
     GOAL_FRONT,
@@ -20,7 +20,7 @@ from midnet_bench.navigation.local_planner import (
     outline_cost,
     velocity_samples,
 )
-from midnet_bench.navigation.navigation_settings import NavigatorSettings
+from midnet_bench.navigation.navigation_settings import PERIOD_S, NavigatorSettings
 
 SIM_GRANULARITY_M, ANGULAR_SIM_GRANULARITY_RAD = 0.025, 0.1
 """dwa_local_planner, sim_granularity and angular_sim_granularity"""
@@ -30,6 +30,10 @@ PATH_DISTANCE_BIAS, FORWARD_POINT_DISTANCE_M = 32.0, 0.325
 OSCILLATION_RESET_DIST_M, OSCILLATION_RESET_ANGLE_RAD = 0.05, 0.2
 """turtlebot3, dwa_local_planner_params.yaml, oscillation_reset_dist; dwa_local_planner, its angle"""
 _Range = tuple[float, float, float]
+_Situation = tuple[Cells, Grids, tuple[float, float, float], tuple[bool, bool, bool, bool], bool, Floats]
+"""what all samples share: the window's costs and ``distance_grids``; the start, x, y in cells from its
+lower-left corner, yaw in radians; the signs allowed: forwards, backwards, left, right; whether the alignment
+critic counts; the outline's corners, (N, 2) in cells"""
 _ESCAPE_AFTER_S = 2.0
 """after so long without a legal sample the planner looks for a way off instead of along the plan"""
 
@@ -99,14 +103,13 @@ class DwaPlanner(LocalPlanner):
     def __init__(self, settings: NavigatorSettings) -> None:
         dwa, limits, resolution = settings.dwa, settings.dwa.limits, settings.local_costmap.resolution
         super().__init__(limits, dwa.sim_time_s, settings.local_costmap)
-        self._period_s = period_s = 1.0 / settings.controller_frequency_hz
-        self._bare_footprint_cells = corner_array(settings.bare_footprint) / resolution
+        self._bare_footprint_cells = np.array(settings.bare_footprint) / resolution
         self._cycles_without_sample = 0
         self._oscillation = _Oscillation(limits.min_vel_trans_mps)
         turn = float(limits.max_vel_theta_radps)
         self._ranges = (
-            (limits.acc_lim_x_mps2 * period_s, float(limits.min_vel_x_mps), float(limits.max_vel_x_mps)),
-            (limits.acc_lim_theta_radps2 * period_s, -turn, turn),
+            (limits.acc_lim_x_mps2 * PERIOD_S, float(limits.min_vel_x_mps), float(limits.max_vel_x_mps)),
+            (limits.acc_lim_theta_radps2 * PERIOD_S, -turn, turn),
         )
         """of speed and turn: how far one period reaches, lowest, highest"""
         # numba looks at a tuple with names anew at every call, which takes longer than to pass it
@@ -137,11 +140,12 @@ class DwaPlanner(LocalPlanner):
         grids = self._grids(costmap, plan, pose, ahead_m, clears_footprint=False)
         start = (*costmap.to_cells(pose.x, pose.y), pose.yaw)
         aligned = math.hypot(plan.item(-2) - pose.x, plan.item(-1) - pose.y) > ahead_m
-        seen = costs, grids, start, velocity[:], self._ranges, self._oscillation.allowed, aligned
-        found, speed, turn = best_velocity(*seen, self._footprint_cells, self._parameters, False)
+        seen = costs, grids, start, self._oscillation.allowed, aligned
+        robot = velocity[:], self._ranges, self._parameters
+        found, speed, turn = best_velocity((*seen, self._footprint_cells), *robot, False)
         self._cycles_without_sample = 0 if found else self._cycles_without_sample + 1
-        if self._cycles_without_sample * self._period_s > _ESCAPE_AFTER_S:
-            found, speed, turn = best_velocity(*seen, self._bare_footprint_cells, self._parameters, True)
+        if self._cycles_without_sample * PERIOD_S > _ESCAPE_AFTER_S:
+            found, speed, turn = best_velocity((*seen, self._bare_footprint_cells), *robot, True)
         if not found:
             return None
         chosen = Command(speed, turn)
@@ -151,29 +155,24 @@ class DwaPlanner(LocalPlanner):
 
 @njit
 def best_velocity(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
+    now: _Situation,
     velocity: tuple[float, float],
     ranges: tuple[_Range, _Range],
-    signs_allowed: tuple[bool, bool, bool, bool],
-    aligned: bool,
-    footprint: Floats,
     parameters: tuple[float, ...],
     escapes: bool,
 ) -> tuple[bool, float, float]:
     """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples.
 
     ``velocity``: the present speed and turn; ``ranges``: of both how far one period reaches, lowest, highest;
-    ``parameters``: ``SearchParameters``; ``escapes``: by ``escape``, not by ``search``; the rest as there.
+    ``parameters``: ``SearchParameters``; ``escapes``: by ``escape``, not by ``search``.
     """
     speeds = _reachable(velocity[0], ranges[0], VX_SAMPLES)
     turns = _reachable(velocity[1], ranges[1], VTH_SAMPLES)
     params = SearchParameters(*parameters)
     if escapes:
-        best = escape(costs, start, speeds, turns, footprint, params)
+        best = escape(now, speeds, turns, params)
     else:
-        best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, params)
+        best, _ = search(now, speeds, turns, params)
     if best < 0:
         return False, 0.0, 0.0
     return True, speeds[best // len(turns)], turns[best % len(turns)]
@@ -187,27 +186,17 @@ def _reachable(now: float, limits: _Range, count: int) -> Floats:
 
 
 @njit
-def search(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
-    speeds: Floats,
-    turns: Floats,
-    signs_allowed: tuple[bool, bool, bool, bool],
-    aligned: bool,
-    footprint: Floats,
-    params: SearchParameters,
-) -> tuple[int, float]:
+def search(now: _Situation, speeds: Floats, turns: Floats, params: SearchParameters) -> tuple[int, float]:
     """(index, total score) of the best sample, the lower index in a tie; (-1, inf) when none is legal.
 
-    Index i * len(turns) + j stands for speeds[i], turns[j]. ``start``: x, y in cells from the window's
-    lower-left corner, yaw in radians. ``signs_allowed``: forwards, backwards, left, right.
+    Index i * len(turns) + j stands for speeds[i], turns[j].
 
     All samples get the score of their last point first. Obstacle scores are never negative, and at least that
     of the start, which all samples share. So arcs are followed step by step, the most promising ones first,
     only while their known part does not exceed the best total yet: that takes a tenth of scoring them all.
     """
-    scores = _end_scores(grids, start, speeds, turns, signs_allowed, aligned, params)
+    costs, _, start, _, _, footprint = now
+    scores = _end_scores(now, speeds, turns, params)
     start_c, start_s = cos_sin(start[2])
     at_start = outline_cost(costs, start[0], start[1], start_c, start_s, footprint)
     if at_start == ILLEGAL:
@@ -219,7 +208,7 @@ def search(
         if scores[sample] == np.inf or scores[sample] + least > best_total:
             return best, best_total
         speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
-        highest = collision_cost(costs, grids, start, speed, turn, params.forward_cells, footprint, params)
+        highest = collision_cost(now, speed, turn, params.forward_cells, params)
         if highest != ILLEGAL:
             total = scores[sample] + params.occupied * highest
             if total < best_total or (total == best_total and sample < best):
@@ -228,21 +217,14 @@ def search(
 
 
 @njit
-def _end_scores(
-    grids: Grids,
-    start: tuple[float, float, float],
-    speeds: Floats,
-    turns: Floats,
-    signs_allowed: tuple[bool, bool, bool, bool],
-    aligned: bool,
-    params: SearchParameters,
-) -> Floats:
+def _end_scores(now: _Situation, speeds: Floats, turns: Floats, params: SearchParameters) -> Floats:
     """(len(speeds) * len(turns),) what the critics of the last point give; inf where a sample is discarded.
 
     The last of n Euler points is known in closed form: the sum of n - 1 unit vectors, each turned on by the
     same angle. Half that angle alone needs a sine and a cosine; all other headings follow by turning on.
     """
-    height, width = grids.shape[1] - 2, grids.shape[2] - 2
+    costs, grids, start, signs_allowed, aligned, _ = now
+    height, width = costs.shape
     free_below = height * width
     forward = params.forward_cells
     # Flat and unsigned, so that no index is asked whether it counts from the end.
@@ -297,14 +279,7 @@ def _end_scores(
 
 @njit
 def collision_cost(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
-    speed: float,
-    turn: float,
-    forward_cells: float,
-    footprint: Floats,
-    params: SearchParameters,
+    now: _Situation, speed: float, turn: float, forward_cells: float, params: SearchParameters
 ) -> int:
     """The highest cost that a simulated arc meets under outline and centre; -1 if a critic discards it.
 
@@ -312,6 +287,7 @@ def collision_cost(
     are arcs with an illegal outline, a centre on a cell that path or goal grid block or do not reach, or,
     with ``forward_cells`` > 0, a point that far ahead which lies off the window.
     """
+    costs, grids, start, _, _, footprint = now
     height, width = costs.shape
     free_below = height * width
     x, y = start[0], start[1]
@@ -355,23 +331,18 @@ def _simulation_steps(speed: float, turn: float, params: SearchParameters) -> in
 
 
 @njit
-def escape(
-    costs: Cells,
-    start: tuple[float, float, float],
-    speeds: Floats,
-    turns: Floats,
-    footprint: Floats,
-    params: SearchParameters,
-) -> int:
+def escape(now: _Situation, speeds: Floats, turns: Floats, params: SearchParameters) -> int:
     """Index, as for ``search``, of the sample that ends farthest from obstacles, its outline on none; or -1.
 
     Farthest means the lowest cost under the centre, lower than at the start; the first wins a tie. No plan is
     asked for. Nothing is found from a start off the window.
     """
+    costs, _, start, signs_allowed, aligned, footprint = now
     height, width = costs.shape
     if not (0.0 <= start[0] < width and 0.0 <= start[1] < height):
         return -1
     no_plan = np.zeros((3, height + 2, width + 2), dtype=np.int32)
+    without_plan = costs, no_plan, start, signs_allowed, aligned, footprint
     best = -1
     lowest = int(costs[int(start[1]), int(start[0])])
     for sample in range(len(speeds) * len(turns)):
@@ -388,6 +359,6 @@ def escape(
             yaw += turn * dt
         if not (0.0 <= x < width and 0.0 <= y < height) or costs[int(y), int(x)] >= lowest:
             continue
-        if collision_cost(costs, no_plan, start, speed, turn, 0.0, footprint, params) != ILLEGAL:
+        if collision_cost(without_plan, speed, turn, 0.0, params) != ILLEGAL:
             best, lowest = sample, int(costs[int(y), int(x)])
     return best

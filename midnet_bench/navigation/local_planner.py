@@ -16,7 +16,6 @@ from midnet_bench.navigation.costmap import (
     Cells,
     RollingCostmap,
     clear_footprint,
-    corner_array,
     line_steps,
     next_cell,
 )
@@ -39,7 +38,7 @@ class LocalPlanner(ABC):
     def __init__(self, limits: LocalPlannerLimits, sim_time_s: float, costmap: CostmapSettings) -> None:
         self.limits = limits
         self.sim_time_s = sim_time_s
-        self._footprint_cells = corner_array(costmap.footprint) / costmap.resolution
+        self._footprint_cells = np.array(costmap.footprint) / costmap.resolution
         self._gridded: tuple[Cells, Plan] | None = None  # costs and plan that the newest grids are of
         self._newest_grids: Grids = np.empty((0, 0, 0), dtype=np.int32)
 

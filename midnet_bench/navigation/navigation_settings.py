@@ -164,6 +164,7 @@ MIDNET_SOURCES = {
     "inf_is_valid": "ours: the files' false leaves 4.6 false boxes a frame, IV.A little or none",
 }
 """Sources of what MIDNet's local costmaps have instead of the defaults."""
+PERIOD_S = 0.1  # of control; turtlebot3, move_base_params.yaml, controller_frequency
 _STANDSTILL = "with 0.2.1's inflation and 2 Hz robots stand still for half of Map 2's time"
 BURGER_SOURCES = {
     "resolution": "turtlebot3: local_costmap_params.yaml, resolution",
@@ -333,7 +334,6 @@ class NavigatorSettings(Settings):
         key="nav_goal_tolerance_m",
         source="ours: with navfn's 0 a robot stops wherever an intruder is on its goal",
     )
-    controller_frequency_hz: float = 10.0  # how often ``control`` is called; the fleet sets it
     planner_frequency_hz: float = option(
         5.0,
         "How often a plan is traced anew, at most once a scan.",

@@ -12,7 +12,7 @@ from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostma
 from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan
-from midnet_bench.navigation.navigation_settings import NavigatorSettings
+from midnet_bench.navigation.navigation_settings import PERIOD_S, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import LDS_01
 
@@ -75,7 +75,7 @@ class _Drive:
 class Navigator:
     """Drives one robot to one goal at a time over a prior map (int8, -1 to 100), by its own scans.
 
-    Call ``observe`` at every scan and ``control`` at ``controller_frequency_hz``. The states, clocks and the
+    Call ``observe`` at every scan and ``control`` each ``PERIOD_S``. The states, clocks and the
     order of recoveries (clear all but a square, turn once, clear all but a wider one, turn once) are
     move_base's. Departures: planning runs inside ``control``, and traces the plan anew after each scan; a
     goal that the map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once;
@@ -90,7 +90,6 @@ class Navigator:
         self.local_costmap = RollingCostmap(local, prior.origin)
         self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
         self._global_planner = GlobalPlanner(self.global_costmap, settings.goal_tolerance_m)
-        self._period_s = 1.0 / settings.controller_frequency_hz
         planner = DwaPlanner if settings.controller == "dwa" else TrajectoryRolloutPlanner
         self.local_planner: LocalPlanner = planner(settings)
         self._window_m = local.size_m / 2.0
@@ -111,7 +110,7 @@ class Navigator:
         A move_base goal always has a heading, radians; where a caller means none, its orientation is the
         identity (w = 1), so the robot turns to the map's x axis.
         """
-        self._drive = _Drive((x, y), yaw, StopRotate(self.local_planner, self._period_s))
+        self._drive = _Drive((x, y), yaw, StopRotate(self.local_planner))
         self.status = Status.ACTIVE
         self._global_planner.reset()
         self.local_planner.reset()
@@ -206,7 +205,7 @@ class Navigator:
         else:
             planned_ago_s = time_s - drive.planned_at_s
             # Half a control period of slack locks planning to the scans' phase.
-            if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
+            if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * PERIOD_S:
                 newer = self._global_planner.plan(drive.goal, pose, time_s, self._window_m)
                 plan = plan if newer is None else newer
                 drive.plan, drive.planned_at_s = plan, time_s
@@ -246,7 +245,7 @@ class Navigator:
         costmap = self.global_costmap
         ends = (*costmap.to_cells(pose.x, pose.y), *costmap.to_cells(*drive.goal))
         if to_goal_m < self._window_m and is_open_line(costmap.static, *ends):
-            drive.near_s += self._period_s
+            drive.near_s += PERIOD_S
         return drive.near_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
 
     def _recover(self, drive: _Drive, pose: Pose2D, time_s: float) -> Command:
@@ -285,9 +284,8 @@ class StopRotate:
     is always on, since a robot that turns on the spot does not leave its place.
     """
 
-    def __init__(self, planner: LocalPlanner, period_s: float) -> None:
+    def __init__(self, planner: LocalPlanner) -> None:
         self._planner = planner
-        self._period_s = period_s
         self.is_at_position = False  # whether the robot has been within the position tolerance
         self._is_turning = False
 
@@ -308,8 +306,8 @@ class StopRotate:
         """The velocity to stop or to turn with; None when the turn would hit something."""
         limits = self._planner.limits
         v, w = velocity
-        reach_v = limits.acc_lim_x_mps2 * self._period_s
-        reach_w = limits.acc_lim_theta_radps2 * self._period_s
+        reach_v = limits.acc_lim_x_mps2 * PERIOD_S
+        reach_w = limits.acc_lim_theta_radps2 * PERIOD_S
         angle = wrap_angle(goal_yaw - pose.yaw)
         if abs(angle) <= limits.yaw_goal_tolerance_rad:
             self._is_turning = False

@@ -28,6 +28,12 @@ OSCILLATION_RESET_DIST_M = 0.05  # base_local_planner, oscillation_reset_dist
 ESCAPE_VEL_MPS, ESCAPE_RESET_DIST_M, ESCAPE_RESET_THETA_RAD = -0.1, 0.10, math.pi / 2
 """base_local_planner, escape_vel, escape_reset_dist and escape_reset_theta"""
 
+_Situation = tuple[
+    Cells, Grids, tuple[float, float, float], tuple[float, float], Floats, tuple[float, float, float]
+]
+"""what all rollouts share: the window's costs and ``distance_grids``; the start, x, y in cells from its
+lower-left corner, yaw in radians; speed and turn there; the outline's corners, (N, 2) in cells; the robot's
+accelerations, m/s2 and rad/s2, and the cells of a metre"""
 HITS, BLOCKED = -1.0, -2.0
 """cost of a rollout whose footprint is illegal or off the window; of one that leaves path or goal's reach"""
 
@@ -38,12 +44,7 @@ class TrajectoryRolloutPlanner(LocalPlanner):
     def __init__(self, settings: NavigatorSettings) -> None:
         limits, resolution = settings.rollout_limits, settings.local_costmap.resolution
         super().__init__(limits, SIM_TIME_S, settings.local_costmap)
-        # accelerations and cells of a metre, as for ``roll_out``
-        self._robot = (
-            float(limits.acc_lim_x_mps2),
-            float(limits.acc_lim_theta_radps2),
-            1.0 / resolution,
-        )
+        self._robot = float(limits.acc_lim_x_mps2), float(limits.acc_lim_theta_radps2), 1.0 / resolution
         self.reset()
 
     def reset(self) -> None:
@@ -63,7 +64,7 @@ class TrajectoryRolloutPlanner(LocalPlanner):
         grids = self._grids(costmap, plan, pose, 0.0, clears_footprint=True)
         start = (*costmap.to_cells(pose.x, pose.y), float(pose.yaw))
         v, w = float(velocity[0]), float(velocity[1])
-        seen = costmap.costs, grids, start, (v, w)
+        now = costmap.costs, grids, start, (v, w), self._footprint_cells, self._robot
         if (began := self._escape_from) is not None and (
             pose.distance_to(began) > ESCAPE_RESET_DIST_M
             or abs(wrap_angle(pose.yaw - began.yaw)) > ESCAPE_RESET_THETA_RAD
@@ -78,18 +79,16 @@ class TrajectoryRolloutPlanner(LocalPlanner):
             left = min(limits.max_vel_theta_radps, w + reach_w)
             right = max(-limits.max_vel_theta_radps, w - reach_w)
             cost, speed, turn = search_rollouts(
-                *seen,
+                now,
                 np.linspace(slowest, fastest, VX_SAMPLES),
                 np.linspace(right, left, VTHETA_SAMPLES),
                 (self._only_side >= 0, self._only_side <= 0),
                 float(limits.min_vel_theta_radps),
-                self._footprint_cells,
-                self._robot,
             )
             if cost >= 0.0:
                 self._note(speed, turn, pose)
                 return Command(float(speed), float(turn))
-        if roll_out(*seen, (ESCAPE_VEL_MPS, 0.0), self._footprint_cells, self._robot, math.inf)[0] == BLOCKED:
+        if roll_out(now, (ESCAPE_VEL_MPS, 0.0), math.inf)[0] == BLOCKED:
             return None
         if self._escape_from is None:
             self._escape_from = pose
@@ -110,31 +109,22 @@ class TrajectoryRolloutPlanner(LocalPlanner):
 
 @njit
 def search_rollouts(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
-    velocity: tuple[float, float],
-    speeds: Floats,
-    turns: Floats,
-    sides_allowed: tuple[bool, bool],
-    min_in_place: float,
-    footprint: Floats,
-    robot: tuple[float, float, float],
+    now: _Situation, speeds: Floats, turns: Floats, sides_allowed: tuple[bool, bool], min_in_place: float
 ) -> tuple[float, float, float]:
     """(cost, speed, turn) of the best rollout; a negative cost when none is legal.
 
     For each speed straight on first, then its turns but for the last; the lowest cost wins, the first in a
     tie. Then turns on the spot, at ``min_in_place`` at least: one that costs no more wins if the point
     ``HEADING_LOOKAHEAD_M`` ahead of its end is nearer to the goal than that of the turns on the spot before
-    it. ``sides_allowed``: left, right; ``robot``: as for ``roll_out``.
+    it. ``sides_allowed``: left, right.
     """
-    height, width = costs.shape
+    (height, width), grids, robot = now[0].shape, now[1], now[5]
     best, best_speed, best_turn = HITS, 0.0, 0.0
     for i in range(len(speeds)):
         for j in range(len(turns)):
             turn = 0.0 if j == 0 else turns[j - 1]
             bound = best if best >= 0.0 else np.inf
-            cost = roll_out(costs, grids, start, velocity, (speeds[i], turn), footprint, robot, bound)[0]
+            cost = roll_out(now, (speeds[i], turn), bound)[0]
             if cost >= 0.0 and (best < 0.0 or cost < best):
                 best, best_speed, best_turn = cost, speeds[i], turn
     spacing = turns[1] - turns[0] if len(turns) > 1 else 0.0
@@ -144,7 +134,7 @@ def search_rollouts(
             continue
         turn = max(turns[j], min_in_place) if turns[j] > 0.0 else min(turns[j], -min_in_place)
         bound = best if best >= 0.0 else np.inf
-        cost, x, y, yaw = roll_out(costs, grids, start, velocity, (0.0, turn), footprint, robot, bound)
+        cost, x, y, yaw = roll_out(now, (0.0, turn), bound)
         if cost < 0.0 or cost > bound:
             continue
         c, s = cos_sin(yaw)
@@ -159,26 +149,16 @@ def search_rollouts(
 
 
 @njit
-def roll_out(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
-    velocity: tuple[float, float],
-    target: tuple[float, float],
-    footprint: Floats,
-    robot: tuple[float, float, float],
-    bound: float,
-) -> tuple[float, float, float, float]:
-    """(cost, x, y, yaw at the end) of driving towards ``target`` (m/s, rad/s) from ``velocity``.
+def roll_out(now: _Situation, target: tuple[float, float], bound: float) -> tuple[float, float, float, float]:
+    """(cost, x, y, yaw at the end) of driving towards ``target``, m/s and rad/s, from the present velocity.
 
     Cost: path and goal distance of the last scored point, in cells, and the highest cell cost met, weighted;
     -1 or -2 when illegal. The footprint's outline is looked at only if what the centre meets does not exceed
-    ``bound`` already; otherwise the cost returned is some value above it. ``robot``: its accelerations, m/s2
-    and rad/s2, and the cells of a metre.
+    ``bound`` already; otherwise the cost returned is some value above it.
     """
+    costs, grids, start, velocity, footprint, (acc_x, acc_theta, cells_per_m) = now
     height, width = costs.shape
     speed, turn = target
-    acc_x, acc_theta, cells_per_m = robot
     by_way = abs(speed) * SIM_TIME_S * (1.0 / SIM_GRANULARITY_M)
     count = max(1, int(max(by_way, abs(turn) * (1.0 / ANGULAR_SIM_GRANULARITY_RAD)) + 0.5))
     dt = SIM_TIME_S / count

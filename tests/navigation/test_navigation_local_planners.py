@@ -248,9 +248,8 @@ def test_the_pruned_search_picks_what_scoring_every_sample_picks(
         total = None if forbidden else dwa_total(costs, grids, start, v, turn, aligned, scales(occupied))
         if total is not None and total < best_total:
             best, best_total = i, total
-    found, total = dwa_kernels.search(
-        costs, grids, start, speeds, turns, allowed, aligned, FOOTPRINT, scales(occupied)
-    )
+    now = costs, grids, start, allowed, aligned, FOOTPRINT
+    found, total = dwa_kernels.search(now, speeds, turns, scales(occupied))
     assert found == best
     assert total == best_total
 
@@ -330,7 +329,7 @@ def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed: int) -> None:
-    costs, _, _, start = scene(seed)
+    costs, grids, _, start = scene(seed)
     speeds, turns = velocity_samples(-0.22, 0.22, 5), velocity_samples(-1.6, 1.6, 5)
     s = scales(0.0)
     best, lowest = -1, int(costs[int(start[1]), int(start[0])])
@@ -341,7 +340,8 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
         x, y, _ = poses[-1]
         if costs[int(y), int(x)] < lowest:
             best, lowest = sample, int(costs[int(y), int(x)])
-    assert dwa_kernels.escape(costs, start, speeds, turns, FOOTPRINT, s) == best
+    now = costs, grids, start, (True,) * 4, True, FOOTPRINT
+    assert dwa_kernels.escape(now, speeds, turns, s) == best
 
 
 @pytest.mark.parametrize("start", [(-0.1, 20.0), (20.0, 1e6), (math.nan, 20.0), (20.0, math.inf)])
@@ -349,7 +349,9 @@ def test_an_escape_from_off_the_window_is_none(start: tuple[float, float]) -> No
     """Found as a read outside the array, which ended the process."""
     costs = np.full((SIZE, SIZE), 100, dtype=np.uint8)
     turns = velocity_samples(-1.6, 1.6, 5)
-    assert dwa_kernels.escape(costs, (*start, 0.3), turns, turns, FOOTPRINT, scales(0.5)) == -1
+    grids = np.zeros((3, SIZE + 2, SIZE + 2), dtype=np.int32)
+    now = costs, grids, (*start, 0.3), (True,) * 4, True, FOOTPRINT
+    assert dwa_kernels.escape(now, turns, turns, scales(0.5)) == -1
 
 
 def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
@@ -431,7 +433,7 @@ def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) ->
             nearest = grids[GOAL, int(y) + 1, int(x) + 1]
             best, chosen = total, (0.0, limited)
     cost, speed, turn = trajectory_rollout_kernels.search_rollouts(
-        costs, grids, start, velocity, speeds, turns, sides, 0.8, FOOTPRINT, ROBOT
+        (costs, grids, start, velocity, FOOTPRINT, ROBOT), speeds, turns, sides, 0.8
     )
     assert cost == best
     assert (speed, turn) == chosen
@@ -459,7 +461,7 @@ def test_at_the_goal_the_robot_stops_turns_within_its_limits_and_ends() -> None:
     costmap, goal = room(1.01, 2.02), (1.03, 2.02)
     planner = dwa()
     limits = planner.limits
-    controller = StopRotate(planner, 0.1)
+    controller = StopRotate(planner)
     assert not controller.has_arrived(goal, Pose2D(0.90, 2.02, 0.0))
     assert controller.has_arrived(goal, Pose2D(1.01, 2.02, 0.0))
     assert controller.has_arrived(goal, Pose2D(0.95, 2.02, 0.0))  # latched
@@ -480,6 +482,6 @@ def test_at_the_goal_the_robot_stops_turns_within_its_limits_and_ends() -> None:
 
 
 def test_a_turn_at_the_goal_that_would_hit_something_gives_no_command() -> None:
-    controller = StopRotate(dwa(), 0.1)
+    controller = StopRotate(dwa())
     controller.has_arrived((1.025, 2.025), Pose2D(1.025, 2.025, 0.0))
     assert controller.command(wedged(), 1.5, Pose2D(1.025, 2.025, 0.0), Command(0.0, 0.0)) is None
