@@ -31,12 +31,10 @@ _LOG = logging.getLogger("midnet_bench")
 PACKAGE = Path(__file__).parent
 VARIABLE = "NUMBA_CACHE_DIR"
 """the environment variable, numba's own, that names the folder for compiled loops"""
-LIBRARIES = ("numba", "llvmlite", "numpy")
 WITHOUT_LOOPS = {
     *("analysis", "campaign", "cli", "drawing", "experiments", "page", "recording", "scoring", "workflows")
 }
 """rooms that no loop takes anything from; of their files those count that have a loop"""
-_WITHOUT_EFFECT = (VARIABLE, "NUMBA_NUM_THREADS")
 after_compiling: list[Callable[[], None]] = []
 """what is called each time that this process has compiled a loop for one signature"""
 
@@ -206,12 +204,9 @@ def digest() -> str:
         name, source = path.relative_to(PACKAGE), path.read_bytes()
         if name.parts[0] not in WITHOUT_LOOPS or b"njit" in source:
             found.update(f"{name.as_posix()} {len(source)}\n".encode() + source)
-    options = sorted(
-        (key, value)
-        for key, value in os.environ.items()
-        if key.startswith("NUMBA_") and key not in _WITHOUT_EFFECT
-    )
-    libraries = [version(library) for library in LIBRARIES]
+    named = {key: value for key, value in os.environ.items() if key.startswith("NUMBA_")}
+    options = sorted((key, named[key]) for key in named.keys() - {VARIABLE, "NUMBA_NUM_THREADS"})
+    libraries = [version(library) for library in ("numba", "llvmlite", "numpy")]
     processor = (llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
     found.update(repr((sys.version, libraries, processor, options)).encode())
     return found.hexdigest()[:16]

@@ -207,12 +207,8 @@ class Solid:
         The overlength closes the corner where two walls share an end.
         """
         dx, dy = end[0] - start[0], end[1] - start[1]
-        if dy == 0.0 != dx:  # along an axis no compiler has to be loaded
-            yaw = math.copysign(0.0 if dx > 0.0 else math.pi, dy)
-        elif dx == 0.0 != dy:
-            yaw = math.copysign(math.pi / 2.0, dy)
-        else:
-            yaw = _elementary().atan2(dy, dx)
+        # along an axis all libraries give the same bits, and no compiler has to be loaded
+        yaw = (math if 0.0 in (dx, dy) else _elementary()).atan2(dy, dx)
         pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, yaw)
         return cls("box", pose, math.hypot(dx, dy) + thickness_m, thickness_m, height_m)
 

@@ -10,10 +10,9 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.compiled import njit
-from midnet_bench.geometry import Floats, Indices, Point, Pose2D, lengths
+from midnet_bench.geometry import Booleans, Floats, Indices, Point, Pose2D, lengths
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 
-Cells = npt.NDArray[np.bool_]
 Steps = npt.NDArray[np.int32]
 
 # The parameters of explore_lite (explore_costmap.launch), and those of the repairs made here.
@@ -256,7 +255,7 @@ class FrontierExplorer:
                     return (x, y), frontier.distance_m
         return None
 
-    def _is_open(self, approaches: Floats) -> Cells:
+    def _is_open(self, approaches: Floats) -> Booleans:
         """(K,) for each of (K, 2) goals whether none that was given up is near."""
         is_open = np.ones(len(approaches), dtype=np.bool_)
         for point in self._blacklist:
@@ -264,12 +263,12 @@ class FrontierExplorer:
         return is_open
 
 
-def _is_apart(goals: Floats, point: Point) -> Cells:
+def _is_apart(goals: Floats, point: Point) -> Booleans:
     """(...) for each of (..., 2) goals whether it is another than a point."""
     return np.asarray(np.abs(goals - point).max(axis=-1) >= BLACKLIST_HALF_WIDTH_M)
 
 
-def _reach(costmap: OccupancyGrid, robot: Pose2D) -> tuple[Cells, Steps]:
+def _reach(costmap: OccupancyGrid, robot: Pose2D) -> tuple[Booleans, Steps]:
     """Which cells can be driven on, and 4-neighbour steps from the robot, -1 for none; padded by one cell."""
     traversable = np.pad((costmap.data >= 0) & (costmap.data < TRAVERSABLE_BELOW), 1)
     cells = _cells(traversable)
@@ -280,7 +279,7 @@ def _reach(costmap: OccupancyGrid, robot: Pose2D) -> tuple[Cells, Steps]:
     return traversable, _spread(traversable, row, column)
 
 
-def _cells(mask: Cells) -> Indices:
+def _cells(mask: Booleans) -> Indices:
     """(K, 2) columns and rows of the set cells, row after row."""
     return np.argwhere(mask)[:, ::-1]
 
@@ -290,7 +289,7 @@ def _nearest_first(cells: Indices, place: Floats) -> Indices:
     return cells[np.argsort(np.square(cells - place).sum(axis=1), kind="stable")]
 
 
-def _see(grid: OccupancyGrid, points: Floats, place: Point) -> Cells:
+def _see(grid: OccupancyGrid, points: Floats, place: Point) -> Booleans:
     """(N,) for each of (N, 2) points whether no occupied cell of the map parts it from a place."""
     samples = 2 * math.ceil(lengths(points - place).max(initial=0.0) / grid.resolution) + 1
     along = np.linspace(0.0, 1.0, samples)[:, None, None]
@@ -298,18 +297,18 @@ def _see(grid: OccupancyGrid, points: Floats, place: Point) -> Cells:
     return np.asarray((cells < OCCUPIED_FROM).reshape(samples, -1).all(axis=0))
 
 
-def _dilated(cells: Cells, kernel: npt.NDArray[Any]) -> Cells:
+def _dilated(cells: Booleans, kernel: npt.NDArray[Any]) -> Booleans:
     return np.asarray(cv2.dilate(cells.view(np.uint8), kernel) > 0)
 
 
-def _areas_from(cells: Cells, least_cells: float) -> Cells:
+def _areas_from(cells: Booleans, least_cells: float) -> Booleans:
     """(H, W) the set cells that with 4-neighbours are at least so many, but for rounding."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.view(np.uint8), connectivity=4)
     return np.asarray(cells & (stats[:, cv2.CC_STAT_AREA] >= least_cells - 1e-6)[labels])
 
 
 @njit
-def _spread(traversable: Cells, row: int, column: int) -> Steps:
+def _spread(traversable: Booleans, row: int, column: int) -> Steps:
     """(H, W) int32: 4-neighbour steps from a cell, -1 where none lead; the mask's border is False."""
     height, width = traversable.shape
     steps = np.full(height * width, -1, dtype=np.int32)

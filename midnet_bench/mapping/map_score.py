@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from midnet_bench.geometry import Floats, Point
+from midnet_bench.geometry import Booleans, Floats, Point
 from midnet_bench.grid import (
     OCCUPIED_FROM,
     OccupancyGrid,
@@ -17,8 +16,6 @@ from midnet_bench.grid import (
     connected_to,
     values_at,
 )
-
-Cells = npt.NDArray[np.bool_]
 
 _SLACK = 1e-6  # Keeps cells exactly one cell apart within one cell, whatever the rounding.
 
@@ -58,7 +55,7 @@ def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_ra
     )
 
 
-def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Cells:
+def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Booleans:
     """(H, W) bool: the free cells that a disc can cover, driving from ``start`` and touching nothing.
 
     Cells of ``truth``, int8, are obstacles from 65 on and where unknown. Raises ValueError if the disc does
@@ -75,7 +72,7 @@ def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) ->
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
 
 
-def closed_spaces(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Cells:
+def closed_spaces(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> Booleans:
     """(H, W) bool: the free cells that ``reachable_free`` leaves out in pieces of a disc's area or more.
 
     Rooms without a door or with one too narrow; not the odd cells in corners that no disc can cover.
@@ -96,5 +93,5 @@ def _nearest(points: Floats, targets: Floats, p: float) -> Floats:
     return np.asarray(distances, dtype=np.float64)
 
 
-def _mean(values: Cells | Floats) -> float:
+def _mean(values: Booleans | Floats) -> float:
     return math.fsum(values.tolist()) / len(values) if len(values) else math.nan

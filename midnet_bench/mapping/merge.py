@@ -5,7 +5,7 @@ Where one map lies in another is proposed by features, refined on the grids, and
 
 import math
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import cv2
@@ -317,16 +317,16 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
     identity comes back as it is.
     ``maps``: at least one; int8, -1 unknown, 0 to 100; ``placements``: their frames in the result's frame.
     """
-    each = list(zip(maps, placements, strict=True))
     resolution = maps[0].resolution
-    corners = np.concatenate([pose.transform(_corners(grid)) for grid, pose in each])
+    outer = [np.array([*product(grid.extent[::2], grid.extent[1::2])]) for grid in maps]
+    corners = np.concatenate([pose.transform(each) for each, pose in zip(outer, placements, strict=True)])
     anchor = placements[0].transform(np.array([maps[0].origin]))[0]
     low = np.floor((corners.min(axis=0) - anchor) / resolution + 1e-6).astype(int)
     high = np.ceil((corners.max(axis=0) - anchor) / resolution - 1e-6).astype(int)
     origin_x, origin_y = (anchor + low * resolution).tolist()
     width, height = (high - low).tolist()
     merged = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), resolution, (origin_x, origin_y))
-    for grid, pose in each:
+    for grid, pose in zip(maps, placements, strict=True):
         _draw(grid, pose, merged)
     return merged
 
@@ -360,12 +360,6 @@ def _grow(root: int, links: Sequence[tuple[int, int, Pose2D]]) -> dict[int, Pose
         else:
             placed[first] = placed[second].compose(step.inverse())
     return placed
-
-
-def _corners(grid: OccupancyGrid) -> Floats:
-    """(4, 2) the outer corners of a grid, metres."""
-    x_min, y_min, x_max, y_max = grid.extent
-    return np.array([(x_min, y_min), (x_max, y_min), (x_min, y_max), (x_max, y_max)])
 
 
 def largest(maps: Sequence[OccupancyGrid]) -> OccupancyGrid:

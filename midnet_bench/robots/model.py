@@ -89,8 +89,6 @@ class RobotModel:
     def clamped(self, command: Command) -> Command:
         """What a command comes to within the robot's limits."""
         linear, angular = command
-        if abs(linear) <= self.max_linear_mps and abs(angular) <= self.max_angular_radps:
-            return command
         linear = min(max(linear, -self.max_linear_mps), self.max_linear_mps)
         angular = min(max(angular, -self.max_angular_radps), self.max_angular_radps)
         return Command(linear, angular)

@@ -5,7 +5,7 @@ Nothing here needs a simulator or a detector: scans, true places and boxes are t
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,6 @@ from midnet_bench.grid import OccupancyGrid, cell_centers, cell_middles, cells_o
 from midnet_bench.midnet.detection import OCCUPIED
 from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import TruthObject, touches
-
-Kind = Literal["miss", "false", "fragment"]
 
 WALL, NOTHING = -1, -2  # what a return came from that is no truth: a wall, or nothing that is known
 _FIRST_ALLY = -10
@@ -97,7 +95,6 @@ def moved(box: Box, by: Point) -> Box:
     return Box(box.x_min + x, box.y_min + y, box.x_max + x, box.y_max + y)
 
 
-_STAGE = {name: stage for stage, name in enumerate(MISS_CAUSES)}
 _BY_ERROR = {
     "delay": ("delay", "stale"),
     "crop": ("crop_shift", "misplaced_by_crop"),
@@ -123,13 +120,10 @@ def miss_cause(
     if any(touches(box, truths[truth].box) for box in detections):
         return Cause("merged")
     causes = [_lost_by(truth, truths, view) for view in views]
-    return max(causes, key=_stage, default=Cause(UNEXPLAINED))
-
-
-def _stage(cause: Cause) -> int:
-    """How far a guard got it. A late box had passed every stage that a box beside it passes."""
-    is_box = cause.name == "delay" and cause.offset_m > 0.0
-    return _STAGE["pose_error" if is_box else cause.name]
+    # a late box had passed every stage that a box beside it passes
+    stages = ["pose_error" if one.name == "delay" and one.offset_m > 0.0 else one.name for one in causes]
+    reached = [list(MISS_CAUSES).index(name) for name in stages]
+    return causes[reached.index(max(reached))] if causes else Cause(UNEXPLAINED)
 
 
 def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause:

@@ -278,15 +278,10 @@ def _go(i: int, states: Floats, path: Floats, robots: Floats, step_s: float, nea
 @njit
 def _turn(state: Floats, path: Floats, step_s: float) -> bool:
     """Turns on the spot towards the path; whether that took the time."""
-    missing = _wrapped(_heading(path, 0.0, state[YAW]) - state[YAW])
+    missing = (_heading(path, 0.0, state[YAW]) - state[YAW] + math.pi) % (2.0 * math.pi) - math.pi
     most = TURN_RADPS * step_s
-    state[YAW] = _wrapped(state[YAW] + min(max(missing, -most), most))
+    state[YAW] = (state[YAW] + min(max(missing, -most), most) + math.pi) % (2.0 * math.pi) - math.pi
     return abs(missing) > most
-
-
-@njit
-def _wrapped(angle_rad: float) -> float:
-    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @njit

@@ -245,7 +245,7 @@ def is_seen(solid: Solid, solids: tuple[Solid, ...], reachable: OccupancyGrid, r
     points = points + 0.005 * away / lengths(away)[:, None]
     ways = directions(2.0 * math.pi * np.arange(_BEAMS) / _BEAMS)
     fans = np.broadcast_to(ways, (len(points), *ways.shape)).copy()
-    ranges_m = np.minimum(cast_on_outlines(points, fans, *outlines_of(solids), 0.0, range_m), range_m)
+    ranges_m = np.minimum(cast_on_outlines(points, fans, outlines_of(solids)[:], 0.0, range_m), range_m)
     along = np.arange(0.0, range_m, _STEP_M)
     for point, free_m in zip(points, ranges_m, strict=True):
         lines = point + along[None, :, None] * ways[:, None]

@@ -70,7 +70,7 @@ class GroundTruthOverride:
         purpose = "oracle lidar" if oracle == "delay" else "oracle echoes"
         self._noise = [stream(seed, purpose, guard.name) for guard in self._guards]
         self._dropouts = [stream(seed, "oracle dropout", guard.name) for guard in self._guards]
-        self._walls = outlines_of(trial.world.layout.arena.wall_solids())
+        self._walls = outlines_of(trial.world.layout.arena.wall_solids())[:]
         self._lidars: dict[int, MultiEchoLidar] = {}  # by number of echoes: each keeps its directions
 
     def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
@@ -178,8 +178,7 @@ class GroundTruthOverride:
     def _opaque(self, guard: Guard, beams: Beams) -> tuple[Floats, Indices]:
         """(beams,) metres to the first wall or other guard, inf for none, and which of both it is."""
         range_m = self._trial.world.robot.lidar.range_max_m
-        sides, first, circles = self._walls
-        met_m = cast_on_outlines(*beams, sides, first, circles, 0.0, range_m)[0]
+        met_m = cast_on_outlines(*beams, self._walls, 0.0, range_m)[0]
         bodies = np.full(len(met_m), SOLID)
         for ally in self._guards:
             if ally is not guard:

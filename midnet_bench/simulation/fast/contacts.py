@@ -17,7 +17,7 @@ import numpy as np
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
-from midnet_bench.geometry import Booleans, Floats, Indices
+from midnet_bench.geometry import Booleans, Floats, Indices, Point
 from midnet_bench.simulation.fast.outlines import (
     ALONG_X,
     ALONG_Y,
@@ -144,14 +144,7 @@ def _may_touch(side: Floats, pose: Floats, within_m: float) -> bool:
 
 
 @njit
-def _add(
-    a: int,
-    b: int,
-    normal: tuple[float, float, float],
-    arm: tuple[float, float],
-    other: tuple[float, float],
-    scene: Scene,
-) -> None:
+def _add(a: int, b: int, normal: tuple[float, float, float], arm: Point, other: Point, scene: Scene) -> None:
     """Adds a contact, if there is room: its normal and gap, and its point as seen from both."""
     count = scene.found[0]
     if count == len(scene.rows):

@@ -47,12 +47,13 @@ class FastEngine:
         starts = layout.robots + layout.intruders
         count, step_s, reach_m = len(starts), 1.0 / step_hz, robot.body_reach_m
         most_m = _PUSHED * (robot.max_linear_mps + robot.max_angular_radps * reach_m) * step_s
-        hull, self._outlines = contacts.hull_of(robot.body), outlines_of(layout.solids)
+        hull, outlines = contacts.hull_of(robot.body), outlines_of(layout.solids)
         # Handing named tuples to compiled code takes three times as long as a tick.
+        self._outlines = outlines[:]
         self._parts = tuple(
             Scene(
                 hull,
-                *side_grid(self._outlines, reach_m + 2.0 * most_m),
+                *side_grid(outlines, reach_m + 2.0 * most_m),
                 np.zeros((count, *hull.shape)),
                 np.zeros((contacts.PER_BODY * count, 9)),
                 np.zeros((contacts.PER_BODY * count, 2), dtype=np.int64),
@@ -103,8 +104,7 @@ class FastEngine:
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
-        sides, first, circles = self._outlines
-        return np.asarray(cast_on_outlines(*beams, sides, first, circles, near_m, far_m))
+        return np.asarray(cast_on_outlines(*beams, self._outlines, near_m, far_m))
 
     def remove(self, index: int) -> None:
         """Take a robot out for good."""

@@ -137,20 +137,16 @@ def _inside(outline: Floats, line: Floats) -> tuple[float, float, float, float]:
 
 @njit
 def cast_on_outlines(
-    axes: Floats,
-    directions: Floats,
-    sides: Floats,
-    first: Indices,
-    circles: Floats,
-    near_m: float,
-    far_m: float,
+    axes: Floats, directions: Floats, outlines: tuple[Floats, Indices, Floats], near_m: float, far_m: float
 ) -> Floats:
     """(m, beams) metres to the first side met from ``near_m`` on and before ``far_m``; inf if there is none.
 
-    ``axes`` (m, 2), ``directions`` (m, beams, 2) as of :class:`~midnet_bench.simulation.engine.Beams`, the
-    rest an :class:`Outlines`. A beam that starts inside a solid meets its side from within. Where the beams
-    are evenly spread over a full turn, the first that may meet a side is found by the angle of its end.
+    ``axes`` (m, 2), ``directions`` (m, beams, 2) as of :class:`~midnet_bench.simulation.engine.Beams`;
+    ``outlines``: all of an :class:`Outlines`. A beam that starts inside a solid meets its side from within.
+    Where the beams are evenly spread over a full turn, the first that may meet a side is found by the angle
+    of its end.
     """
+    sides, first, circles = outlines
     sensors, beams = directions.shape[:2]
     ranges = np.full((sensors, beams), np.inf)
     spacing_rad = 2.0 * math.pi / max(beams, 1)
