@@ -15,7 +15,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping import GMapping, cores
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 LIDAR = LDS_01
 PERIOD_S, SPEED_MPS, RADIUS_M = 0.2, 0.22, 4.0

@@ -26,7 +26,7 @@ from midnet_bench.midnet.detection import FREE, BoxArray
 from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.midnet.pipeline import MIDNet
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.scoring.frame_counts import TruthObject, count_frame, total
 
 CELL_M = 0.05

@@ -14,7 +14,7 @@ from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
 from midnet_bench.navigation.global_planner import potential_to
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, CostmapSettings, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator, compile_kernels
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 LIDAR = LDS_01
 ROOM_M = 6.0

@@ -19,7 +19,7 @@ from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import BURGER, LDS_01
+from midnet_bench.robots.turtlebot3 import BURGER, LDS_01
 from midnet_bench.simulation.world import World
 
 GUARDS = 5

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog
 from midnet_bench.mapping.log_mapping import MappingResult, map_scans
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 Floats = npt.NDArray[np.float64]
 STEP_M, TURN_RAD, SCAN_EVERY = 0.1, 0.2, 3

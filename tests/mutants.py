@@ -78,10 +78,10 @@ MUTANTS = [
     ),
     Mutant(
         "a message that was overtaken replaces the newer one",
-        "simulation/network.py",
+        "experiments/guarded/network.py",
         "(newest is None or message.stamp_s > newest.stamp_s)",
         "True",
-        "simulation/test_simulation_network.py::test_an_overtaken_message_is_not_gone_back_to",
+        "experiments/test_experiments_network.py::test_an_overtaken_message_is_not_gone_back_to",
     ),
 ]
 

@@ -107,9 +107,7 @@ class CoordinatedIdleness(GraphPatrol):
     Idleness is shared: a node counts as visited when any guard is sent on from it.
     """
 
-    apart_m: float = option(
-        3.0, "A node nearer to another guard's goal is taken only if all are.", ge=0, le=1000
-    )
+    apart_m: float = option(3.0, "A node this near to another's goal is the last choice.", ge=0, le=1000)
 
     def __post_init__(self) -> None:
         super().__post_init__()

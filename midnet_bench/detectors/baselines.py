@@ -97,16 +97,10 @@ class CircleClusters(_ScanDetector):
     them, plus three deviations of the range.
     """
 
-    incidence_deg: float = option(
-        10.0, "Lambda of the breakpoints, more than the angle between two beams.", gt=0, le=90
-    )
+    incidence_deg: float = option(10.0, "Lambda; more than the angle between two beams.", gt=0, le=90)
     noise_m: float = option(0.01, "Standard deviation of a range.", ge=0, le=10)
-    tolerance_m: float = option(
-        0.15, "A piece whose median return is nearer to a mapped wall is the wall.", ge=0, le=100
-    )
-    max_radius_m: float = option(
-        0.3, "A larger circle is not believed; the piece's extent is taken.", ge=0, le=100
-    )
+    tolerance_m: float = option(0.15, "A piece is a wall's if its median return is nearer.", ge=0, le=100)
+    max_radius_m: float = option(0.3, "A piece with a larger circle gets its extent.", ge=0, le=100)
     min_returns: int = option(2, "A piece of fewer is dropped.", ge=1, le=10_000)
 
     def _boxes(self, robot: int, scan: Scan) -> list[list[float]]:
@@ -158,9 +152,7 @@ class RunningMean(_ScanDetector):
     its own.
     """
 
-    memory_s: float = option(
-        10.0, "Time constant: a cell that was free for long is background after 0.69 of it.", gt=0, le=1e6
-    )
+    memory_s: float = option(10.0, "What is new is background after 0.69 of this time.", gt=0, le=1e6)
     tolerance_m: float = option(0.15, "A return may be so far off a cell of the background.", ge=0, le=2)
     min_cells: int = option(1, "A blob of fewer cells is dropped.", ge=1, le=1_000_000)
     _means: dict[int, npt.NDArray[np.float32]] = field(default_factory=dict, init=False)

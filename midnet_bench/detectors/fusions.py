@@ -95,12 +95,7 @@ class ConnectedComponents:
     """
 
     iou: float = _least_iou()
-    gap_m: float = option(
-        0.0,
-        "So do boxes with no more than this between their sides, such as two legs; 0: none.",
-        ge=0,
-        le=100,
-    )
+    gap_m: float = option(0.0, "So do boxes no farther apart, such as two legs; 0: none.", ge=0, le=100)
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """One box for each component, whatever the time is."""

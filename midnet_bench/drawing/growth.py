@@ -30,8 +30,8 @@ from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.drawing.stills import LABEL_PX, plot_page
 from midnet_bench.geometry import Box, Floats, Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER
 
 SHADES: tuple[RGB, ...] = (WHITE, (205, 205, 205), (40, 40, 40))
 FREE, UNKNOWN, WALL = range(len(SHADES))

@@ -31,8 +31,8 @@ from midnet_bench.drawing.scene import (
 )
 from midnet_bench.geometry import Box, Floats, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER
 
 Picture = npt.NDArray[np.uint8]  # (height, width, 3) red, green, blue
 Mark = Callable[["Canvas"], object]

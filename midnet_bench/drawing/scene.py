@@ -12,8 +12,8 @@ from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Box, Floats, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.scoring.frame_counts import Ratios
 
 if TYPE_CHECKING:  # which takes a compiler

@@ -15,7 +15,6 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
 
 ArgsT = TypeVar("ArgsT")
-ClimbT = TypeVar("ClimbT", bound=Callable[..., object])
 Score = Callable[[ArgsT, Pose2D, float], float]
 """The score of a pose, or anything up to the third argument if it cannot get above that."""
 
@@ -24,13 +23,8 @@ _MOVES = ((1, 0, 0), (-1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1))
 _MARGIN_CELLS = 64  # spare cells on each side when the map grows, so that it does not grow with every scan
 
 
-def _inlined(function: ClimbT) -> ClimbT:
-    """``function`` as it is for Python; compiled loops take it in with the loop that they give it to call."""
-    inlined: ClimbT = numba().extending.register_jitable(inline="always")(function)
-    return inlined
-
-
-@_inlined
+# as it is for Python; compiled loops take it in with the loop that they give it to call
+@numba().extending.register_jitable(inline="always")
 def hill_climb(
     score: Score[ArgsT], args: ArgsT, start: Pose2D, linear_step: float, angular_step: float, halvings: int
 ) -> tuple[Pose2D, float]:

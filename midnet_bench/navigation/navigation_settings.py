@@ -8,8 +8,8 @@ import numpy as np
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import lengths
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import Outline, RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.settings import Settings, fixed, group, option
 
 Footprint = Outline  # the corners of a convex polygon in order, (x, y) in the base frame, metres

@@ -14,7 +14,7 @@ from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan
 from midnet_bench.navigation.navigation_settings import PERIOD_S, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 PLANNER_PATIENCE_S, OSCILLATION_TIMEOUT_S, OSCILLATION_DISTANCE_M = 1.0, 10.0, 0.2
 """turtlebot3, move_base_params.yaml, planner_patience, oscillation_timeout and oscillation_distance"""

@@ -161,6 +161,9 @@ ROBOTS = RobotExtensionPoint(
     option="robot",
     entry_points="midnet_bench.robots",
     method="rim_speeds",
-    own={"burger": "midnet_bench.robots.burger:BURGER", "waffle": "midnet_bench.robots.waffle:WAFFLE"},
+    own={
+        "burger": "midnet_bench.robots.turtlebot3:BURGER",
+        "waffle": "midnet_bench.robots.turtlebot3:WAFFLE",
+    },
 )
 """in brackets: other numbers of the model"""

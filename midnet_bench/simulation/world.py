@@ -9,8 +9,8 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.elementary import directions
 from midnet_bench.geometry import Booleans, Command, Floats, Indices, Pose2D
 from midnet_bench.plugins import PluginError
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.engine import SIMULATORS, Beams, Engine
 from midnet_bench.simulation.world_settings import WorldSettings

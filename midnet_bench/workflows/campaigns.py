@@ -26,7 +26,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.geometry import Command, Pose2D, lengths
 from midnet_bench.io.files import shipped_folder
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.settings import Scalar
 
 if TYPE_CHECKING:

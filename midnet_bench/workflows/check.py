@@ -37,8 +37,8 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.plugins import DETECTORS, FUSIONS, ExtensionPoint, PluginError
-from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import ROBOTS, RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER, LDS_01
 from midnet_bench.scoring.metric import METRICS, MetricFrame, TrialMetrics
 from midnet_bench.settings import Scalar
 from midnet_bench.simulation.engine import SIMULATORS, Beams

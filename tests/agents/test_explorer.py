@@ -16,7 +16,7 @@ from midnet_bench.mapping.mapping_settings import BURGER_UKF
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from tests.navigation.planar_world import World
 
 LIDAR = LDS_01

@@ -10,8 +10,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Point
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import BURGER
-from midnet_bench.robots.waffle import WAFFLE
+from midnet_bench.robots.turtlebot3 import BURGER, WAFFLE
 
 
 def room(side_m: float) -> OccupancyGrid:

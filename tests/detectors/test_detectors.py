@@ -12,7 +12,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 HALF_M = 2.0  # from the middle of the room to its walls
 RANGE_M = 2.5

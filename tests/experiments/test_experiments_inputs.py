@@ -17,7 +17,7 @@ from midnet_bench.experiments.guarded.inputs import _as_text, prior_map_from
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.mapping.map_score import score_map
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 
 
 def free_map(path: Path, side_m: float, center: tuple[float, float] = (0.0, 0.0)) -> Path:

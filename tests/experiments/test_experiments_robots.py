@@ -9,7 +9,7 @@ from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
-from midnet_bench.robots.waffle import WAFFLE
+from midnet_bench.robots.turtlebot3 import WAFFLE
 
 
 @pytest.mark.slow

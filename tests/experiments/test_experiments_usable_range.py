@@ -6,7 +6,7 @@ import pytest
 
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 SIDE_M = 0.4
 FARTHER = {"obstacle_range_m": 3.0, "raytrace_range_m": 3.5}

@@ -11,7 +11,7 @@ from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 
 LIDAR = LDS_01
 CELL_M = 0.05

@@ -21,7 +21,7 @@ from midnet_bench.mapping.gmapping import (
 from midnet_bench.mapping.grid_slam import scan_rays
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, RECORDED_LOG, GmappingSettings
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, drive
 
 LIDAR = LDS_01

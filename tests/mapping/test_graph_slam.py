@@ -20,7 +20,7 @@ from midnet_bench.mapping.correlative_matcher import BLOCK_CELLS, CELL_M, FULL, 
 from midnet_bench.mapping.graph_slam import GraphSlam
 from midnet_bench.mapping.grid_slam import ORIGIN
 from midnet_bench.mapping.log_mapping import MappingResult, map_scans
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, cast, drive
 
 pytestmark = pytest.mark.slow  # compiled loops

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import STOP, Box, Command, LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator, Status
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from tests.mapping.drawn_buildings import cast
 
 LDS_RADIUS_M = 0.055

@@ -34,7 +34,7 @@ from midnet_bench.navigation.navigation_settings import (
     padded,
     radii,
 )
-from midnet_bench.robots.burger import BURGER, LDS_01
+from midnet_bench.robots.turtlebot3 import BURGER, LDS_01
 from tests.navigation.planar_world import bresenham
 
 ONE_BEAM = LidarGeometry(1, 0.0, 0.1, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))

@@ -29,7 +29,7 @@ from midnet_bench.navigation.navigation_settings import (
 )
 from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from tests.navigation.planar_world import bresenham
 
 Costs = npt.NDArray[np.uint8]

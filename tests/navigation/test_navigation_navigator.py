@@ -12,7 +12,7 @@ from midnet_bench.geometry import STOP, Box, Command, Pose2D
 from midnet_bench.navigation import global_planner
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator, RotateRecovery, Status
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from tests.navigation.planar_world import Robot, World, drive
 
 ROLLOUT = NavigatorSettings(controller="trajectory_rollout")

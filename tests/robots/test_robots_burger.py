@@ -11,7 +11,7 @@ from midnet_bench.arena.layout import ROBOT_CLEARANCE_M
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.midnet.pipeline import MIDNetSettings
 from midnet_bench.navigation.navigation_settings import LocalPlannerLimits
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 
 
 def numbers(text: str | None) -> list[float]:

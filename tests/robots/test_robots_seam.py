@@ -14,9 +14,8 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.navigation.navigation_settings import radii
-from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import ROBOTS, Disc, RobotModel
-from midnet_bench.robots.waffle import WAFFLE
+from midnet_bench.robots.turtlebot3 import BURGER, LDS_01, WAFFLE
 from tests.simulation.scenes import ENGINES, OWN_ROBOT, WORLDS, run, scene
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Pose2D
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 
 HULL = np.array([(x, y) for x, y in BURGER.body if (abs(x), abs(y)) != (0.030, 0.070)])
 """a Burger without the two corners on each side that its convex hull leaves out"""

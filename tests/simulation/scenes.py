@@ -12,8 +12,8 @@ import pytest
 from midnet_bench.arena.arena import Arena, load_arena
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Pose2D
-from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER, LDS_01
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.sensors import LidarSensors
 from midnet_bench.simulation.world import World

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.simulation.bullet_engine import bullet
 from tests.simulation.scenes import BulletWorld, scene
 

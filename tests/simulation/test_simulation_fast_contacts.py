@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.geometry import Command, Pose2D, Solid
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.simulation.fast.contacts import hull_of
 from midnet_bench.simulation.fast.outlines import outlines_of, side_grid
 from midnet_bench.simulation.world import World

@@ -10,7 +10,7 @@ from midnet_bench.arena.layout import place
 from midnet_bench.elementary import standard_normals
 from midnet_bench.geometry import Command, Pose2D, Solid
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.turtlebot3 import LDS_01
 from midnet_bench.simulation import sensors as lidar
 from midnet_bench.simulation.bullet_engine import BATCH
 from midnet_bench.simulation.sensors import NOTHING, SOLID, TOO_NEAR_M

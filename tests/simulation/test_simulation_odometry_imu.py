@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.simulation.sensors import TICK_RAD, EncoderOdometers, ImuSensors
 from midnet_bench.simulation.world_settings import ImuSettings, OdometrySettings
 

@@ -11,7 +11,7 @@ from midnet_bench.arena.arena import OtherIntruders
 from midnet_bench.arena.layout import OtherIntruder
 from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.plugins import PluginError
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.simulation.engine import SIMULATORS, Beams
 from midnet_bench.simulation.world import World
 from midnet_bench.simulation.world_settings import WorldSettings

@@ -20,8 +20,8 @@ from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.evaders import Evaders
 from midnet_bench.experiments.guarded.ground_truth import GroundTruthOverride, ScanCallback
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
+from midnet_bench.experiments.guarded.network import NetworkModel
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters
-from midnet_bench.experiments.guarded.uplink import NetworkModel
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from midnet_bench.experiments.guarded.network import LossyNetwork, Message
 from midnet_bench.rng import stream
-from midnet_bench.simulation.network import LossyNetwork, Message
 from midnet_bench.simulation.world_settings import NetworkSettings
 
 
