@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from midnet_bench.geometry import Pose2D
+from tests.cli.command import midnet_bench
 from tests.recording import recordings as made
 from tests.recording.recorded_drives import CELL_M
 from tests.recording.recordings import Drive, apart_m, played, replayed
@@ -118,3 +119,35 @@ def test_a_geometry_that_changes_in_mid_bag_is_noted_and_read(tmp_path):
     assert any("180 to 240 beams" in line for line in found.notes)
     assert found.score()["recall"] == 1.0
     assert found.replayed.faults == []
+
+
+@pytest.mark.slow
+def test_a_part_has_the_boxes_of_the_whole_at_its_scans(tmp_path, map_file):
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.tf_messages(DRIVE)])
+    labels = made.write_labels(tmp_path / "truth.csv", DRIVE.labels(), by="scan_index")
+    whole, part = (
+        replayed(bag, tmp_path, map=map_file, truth=str(labels), **limits)
+        for limits in ({}, {"from_s": 0.95, "to_s": 1.65})
+    )
+    # the first scan comes at 0.5 s, ten a second: labels by scan_index hold
+    scans = set(map(str, range(5, 12)))
+    wanted = [{**row, "frame": ""} for row in whole.boxes if row["scan_index"] in scans]
+    assert [{**row, "frame": ""} for row in part.boxes] == wanted
+    assert part.score()["recall"] == 1.0
+    assert {row["scan_index"] for row in part.boxes} == scans
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("topic", ["/move_base_simple/goal", "/initialpose", "/truth/red/pose"])
+def test_a_goal_is_never_proposed_as_a_pose(tmp_path, topic):
+    goal = made.track_messages([(1.0, Pose2D(1.0, 1.0, 0.0))], topic=topic)
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *goal])
+    listed = midnet_bench("replay", bag, folder=tmp_path).stderr
+    assert f"--pose {topic}" not in listed
+    assert "at:X,Y,YAW" in listed
+    driven = made.pose_messages(DRIVE, "odometry", "/odom")
+    for said in driven:
+        said.message.fields["header"]["frame_id"] = "odom"
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *goal, *driven])
+    listed = midnet_bench("replay", bag, folder=tmp_path).stderr
+    assert "--pose /odom --start found" in listed
