@@ -166,10 +166,9 @@ def recorded(name):
 TRUE_MOUNT = Pose2D(-0.153, 0.021, 0.0065)  # of the shared recordings, as their meta.yaml has it
 
 
-def recorded_samples(name, turned_rad=0.0):
-    """The samples of a shared recording; ``turned_rad``: put on the yaw of all poses."""
+def recorded_samples(name):
+    """The samples of a shared recording."""
     times_s, scans, lidar, track = recorded(name)
-    track = Way(track.times_s, track.poses + np.array([0.0, 0.0, turned_rad]))
     return [
         Sample(round(float(time_s) * NS), ranges_m, lidar, track.near(time_s))
         for time_s, ranges_m in zip(times_s, scans, strict=True)

@@ -230,18 +230,15 @@ def track_messages(
 def tf_messages(drive: Drive, slow_hz: float = 0.5, frame: str = "laser") -> list[Said]:
     """map -> odom now and then, odom -> base_link often, base_link -> laser once and for all."""
     found = [Said("/tf_static", ns_of(0.0), mount_message(drive, frame), is_kept=True)]
-    for time_s, pose in drive.poses():
-        shift = map_to_odom(time_s)
-        found.append(
-            Said(
-                "/tf",
-                ns_of(time_s),
-                transforms(ns_of(time_s), [("odom", "base_link", shift.inverse().compose(pose))]),
-            )
-        )
-    for time_s in np.arange(0.0, drive.seconds + 1.0 / slow_hz, 1.0 / slow_hz).tolist():
-        placed = [("map", "odom", map_to_odom(time_s))]
-        found.append(Said("/tf", ns_of(time_s), transforms(ns_of(time_s), placed)))
+    rare_s = np.arange(0.0, drive.seconds + 1.0 / slow_hz, 1.0 / slow_hz).tolist()
+    links = [
+        *(
+            (time_s, "odom", "base_link", map_to_odom(time_s).inverse().compose(pose))
+            for time_s, pose in drive.poses()
+        ),
+        *((time_s, "map", "odom", map_to_odom(time_s)) for time_s in rare_s),
+    ]
+    found += [Said("/tf", ns_of(time_s), transforms(ns_of(time_s), [link])) for time_s, *link in links]
     return found
 
 
@@ -263,15 +260,16 @@ def mount_message(drive: Drive, frame: str = "laser") -> Message:
 
 @contextmanager
 def _writer(path: Path, container: str):
-    if container in ("ros1", "ros1-lz4"):
-        writer = Ros1Writer(path)
-        if container == "ros1-lz4":
-            writer.set_compression(Ros1Writer.CompressionFormat.LZ4)
-        with writer:
-            yield BagWriter(writer)
-    else:
+    """The package's own packs a ROS 1 bag by bz2."""
+    if container not in ("ros1", "ros1-lz4"):
         with bag_writer(path, container.removesuffix("-bz2")) as made:
             yield made
+        return
+    writer = Ros1Writer(path)
+    if container == "ros1-lz4":
+        writer.set_compression(Ros1Writer.CompressionFormat.LZ4)
+    with writer:
+        yield BagWriter(writer)
 
 
 def write_bag(folder: Path, messages: Iterable[Said], container: str = "mcap", name: str = "bag") -> Path:
@@ -294,20 +292,15 @@ def write_table(path: Path, heading: Sequence[str], rows: Iterable[Sequence[Any]
 def write_scan_table(path: Path, drive: Drive, with_poses: bool = False) -> Path:
     """t, the geometry, the ranges; of each scan."""
     lidar, track = drive.lidar, drive.track
-    heading = ["t", "angle_min", "angle_increment", "range_min", "range_max"]
-    # messages have these with 32 bits
-    numbers = [
-        float(np.float32(one))
-        for one in (lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
-    ]
-    beams = [f"r{k}" for k in range(lidar.beams)]
+    limits = ["angle_min", "angle_increment", "range_min", "range_max"]
+    numbers = (lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
+    numbers = np.float32(numbers).tolist()  # as messages have them
+    place = ["x", "y", "yaw"] if with_poses else []
     rows = []
     for time_s, ranges_m in drive.scans:
-        at = [*track(time_s)] if with_poses else []
+        at = track(time_s) if with_poses else ()
         rows.append([f"{BEGIN_S + time_s:.3f}", *at, *numbers, *ranges_m.tolist()])
-    return write_table(
-        path, [heading[0], *(["x", "y", "yaw"] if with_poses else []), *heading[1:], *beams], rows
-    )
+    return write_table(path, ["t", *place, *limits, *(f"r{k}" for k in range(lidar.beams))], rows)
 
 
 def write_pose_table(path: Path, poses: Iterable[tuple[float, Pose2D]]) -> Path:

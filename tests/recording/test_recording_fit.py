@@ -24,14 +24,6 @@ from tests.recording.recorded_drives import (
     room,
 )
 
-NAMES = ["intersection", "overtake_red"]
-
-
-def on_recordings(test):
-    """The test on each of the recordings of others."""
-    there = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of others are not here")
-    return pytest.mark.slow(there(pytest.mark.parametrize("name", NAMES)(test)))
-
 
 @pytest.fixture(scope="module")
 def map_of_room():
@@ -47,12 +39,6 @@ def turning():
 def proposal(turning, map_of_room):
     """What is found where the mount of a drive that turns was left out."""
     return find_setup(turning, map_of_room)
-
-
-@pytest.fixture(scope="module")
-def recordings():
-    pytest.importorskip("rosbags", reason="bags are read by rosbags")
-    return {name: (recorded_samples(name), load_map(RECORDINGS / name / "map.yaml")) for name in NAMES}
 
 
 def resting(x, y, yaw, ranges_m, angles_rad, mount=BARE, range_max_m=9.0):
@@ -232,33 +218,17 @@ def test_a_robot_off_the_map_and_too_few_returns_are_noted(turning, map_of_room)
     assert verdict(empty, map_of_room).kinds == ("few returns",)
 
 
-@on_recordings
-def test_on_recordings_of_others_the_right_setup_fits_and_the_mount_comes_back_from_nothing(name, recordings):
-    samples, grid = recordings[name]
+@pytest.mark.slow
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of others are not here")
+@pytest.mark.parametrize(("name", "off_m"), [("intersection", 0.0083), ("overtake_red", 0.0198)])
+def test_on_recordings_of_others_the_right_setup_fits_and_the_mount_comes_back_from_nothing(name, off_m):
+    pytest.importorskip("rosbags", reason="bags are read by rosbags")
+    samples, grid = recorded_samples(name), load_map(RECORDINGS / name / "map.yaml")
     told = verdict(samples, grid)
     assert (told.fits, len(told.lines)) == (True, 1)
     assert told.share > 0.65
     assert find_setup(samples, grid).found.kinds == ()
     found = find_setup(mounted(samples, BARE), grid).found
     assert found.kinds == ("mount",)
-    assert found.mount.distance_to(TRUE_MOUNT) < {"intersection": 0.0083, "overtake_red": 0.0198}[name]
+    assert found.mount.distance_to(TRUE_MOUNT) < off_m
     assert abs(found.mount.yaw - TRUE_MOUNT.yaw) < math.radians(1.0)
-
-
-@on_recordings
-def test_on_recordings_of_others_each_fault_is_told_in_one_line(name, recordings):
-    samples, grid = recordings[name]
-    mirrored = [each._replace(ranges_m=each.ranges_m[::-1]) for each in samples]
-    about = recorded_samples(name, turned_rad=math.pi)
-    faults = [
-        (mounted(samples, BARE), grid, ("mount",)),
-        (mirrored, grid, ("mirror", "mount")),
-        (about, grid, ("turn",)),
-        (samples, moved(grid, 0.5, 0.0), ("map",)),
-        (samples, moved(grid, 0.0, -0.5), ("map",)),
-    ]
-    for faulty, there, kinds in faults:
-        told = verdict(faulty, there)
-        assert told.kinds == kinds
-        assert len(told.lines) == 1
-        assert len(told.lines[0]) < 300
