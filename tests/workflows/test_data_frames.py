@@ -14,8 +14,9 @@ SCORES = {1: {3: (0.9, 0.5, 0.6), 4: (0.7, 0.7, 0.7)}, 5: {3: (0.5, 0.6, 0.7), 4
 PROGRAM = """
 import sys
 import midnet_bench as mb
+from midnet_bench.plugins import reference_to
 
-AWAY_M = {away}
+AWAY_M = 0.0
 
 
 def shifted(box):
@@ -36,32 +37,25 @@ def nothing(team):
 
 if __name__ == "__main__":
     made = mb.run("detection", detector=[Mine, nothing], engine="fast", frames=2, jobs=1)
-    print(made.directory)
     scores = made.tables["scores"]
-    for name, boxes in zip(scores["detector"], scores["tp"] + scores["fp"]):
-        print(name, boxes)
+    print(made.directory, *scores["detector"], *scores["tp"] + scores["fp"])
+    AWAY_M = 0.5
+    print(reference_to(Mine), reference_to(nothing))
 """
 
 
 @pytest.mark.slow
 def test_a_class_and_a_function_of_the_program_itself_run_in_the_workers(tmp_path: Path) -> None:
-    said = []
-    for away in (0.0, 0.5):
-        (tmp_path / "program.py").write_text(PROGRAM.format(away=away))
-        done = subprocess.run(
-            [sys.executable, "program.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        said.append(done.stdout.split())
-    for folder, mine, boxes, nothing, none in said:
-        assert folder.startswith("results/detection-")
-        assert mine.startswith("main.py:Mine#")
-        assert int(boxes) == 2
-        assert nothing.startswith("main.py:nothing#")
-        assert int(none) == 0
-    assert said[0][1] != said[1][1]  # another constant makes other trials,
-    assert said[0][0] != said[1][0]  # which another folder holds
-    assert said[0][3] == said[1][3]
+    (tmp_path / "program.py").write_text(PROGRAM)
+    done = subprocess.run([sys.executable, "program.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    folder, mine, nothing, *boxes, mine_later, nothing_later = done.stdout.split()
+    assert folder.startswith("results/detection-")
+    assert mine.startswith("main.py:Mine#")
+    assert nothing.startswith("main.py:nothing#")
+    assert boxes == ["2", "0"]
+    assert mine_later != mine, "another constant makes other trials"
+    assert nothing_later == nothing
 
 
 def test_results_say_what_they_are_and_a_missing_table_lists_the_others(tmp_path: Path) -> None:
@@ -115,7 +109,7 @@ def test_without_pybullet_the_engine_to_take_is_named_before_the_first_trial(
 @pytest.mark.slow
 def test_results_have_the_declared_types_also_without_a_store(tmp_path: Path) -> None:
     folder = detection_store(tmp_path / "one", SCORES)
-    write_report(folder)
+    write_report(folder, drawn_from=9)
     (folder / "campaign.sqlite").unlink()
     (folder / "metrics.csv").write_text("robots,seed,metric,value\n1,3,false,0.5\n")
     assert mb.results(folder).tables["metrics"]["metric"].tolist() == ["false"]

@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 import midnet_bench as mb
+from midnet_bench.campaign.trial import Scalar
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows, worked
+from tests.conftest import campaign_folder
+from tests.stores import detection_store
 
 
 def steps(folder: Path, *arguments: object) -> str:
@@ -17,11 +20,10 @@ def steps(folder: Path, *arguments: object) -> str:
 
 @pytest.mark.slow
 def test_the_page_has_the_numbers_of_its_frame(tmp_path: Path) -> None:
-    trial = {"engine": "fast", "robots": 3, "frames": 12}
-    run = ("detection", "--engine", "fast", "--robots", 3, "--frames", 12, "-q", "-o", "d")
-    worked(*run, folder=tmp_path)
+    trial: dict[str, Scalar] = {"engine": "fast", "frames": 12}
+    detection_store(tmp_path / "d", {3: {1: (0.9, 0.5, 0.6)}}, parameters=trial)
     page = steps(tmp_path, "d", "--frame", 9, "--guard", 2)
-    with mb.simulate(seed=1, explain=True, **trial) as frames:
+    with mb.simulate(seed=1, explain=True, robots=3, **trial) as frames:
         frame = [next(frames) for _ in range(9)][-1]
     found = frame.midnet.explanation
     assert found is not None
@@ -35,25 +37,30 @@ def test_the_page_has_the_numbers_of_its_frame(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_single_guard_has_no_tree_and_a_labyrinth_has_a_page(tmp_path: Path) -> None:
-    common = ("--engine", "fast", "--set", "time_limit_s=3", "--seeds", 1, "--intruders", 1, "-q")
-    worked("labyrinth", *common, "--robots", 1, "-o", "lab", folder=tmp_path)
+    run = {"experiment": "labyrinth", "grid": {"robots": [1], "intruders": [1]}, "trials": 1}
+    campaign_folder(tmp_path / "lab", **run, parameters={"engine": "fast", "time_limit_s": 1})
     page = steps(tmp_path, "lab", "--frame", 5)
     assert "Algorithm 3" not in page
     assert "labyrinth, seed 1, frame 5 (1.0 s)" in page
 
 
 @pytest.mark.slow
-def test_wrong_frames_and_other_detectors_get_one_line(tmp_path: Path) -> None:
-    common = ("--engine", "fast", "--frames", 5, "--robots", 2, "-q", "--jobs", 1)
-    worked("detection", *common, "--detector", "midnet,clusters", "-o", "d", folder=tmp_path)
-    for frame, named in (
-        ("--where detector=midnet --frame 6", "--frame 6"),
-        ("--where detector=midnet --frame 5 --guard 3", "--guard 3"),
-        ("--where detector=midnet", "--steps"),
-        ("--where detector=clusters --frame 3", "detector=clusters"),
-    ):
-        done = midnet_bench("errors", "d", *frame.split(), "--steps", "steps", folder=tmp_path)
-        assert named in one_line_of_complaint(done)
+@pytest.mark.parametrize(
+    ("detector", "frame", "named"),
+    [
+        ("midnet", "--frame 6", "--frame 6"),
+        ("midnet", "--frame 5 --guard 3", "--guard 3"),
+        ("midnet", "", "--steps"),
+        ("clusters", "--frame 3", "detector=clusters"),
+    ],
+)
+def test_wrong_frames_and_other_detectors_get_one_line(
+    detector: str, frame: str, named: str, tmp_path: Path
+) -> None:
+    parameters: dict[str, Scalar] = {"engine": "fast", "frames": 5, "detector": detector}
+    detection_store(tmp_path / "d", {2: {1: (0.9, 0.5, 0.6)}}, parameters=parameters)
+    done = midnet_bench("errors", "d", *frame.split(), "--steps", "steps", folder=tmp_path)
+    assert named in one_line_of_complaint(done)
 
 
 @pytest.mark.slow
