@@ -112,20 +112,14 @@ class MapWindow:
 
     def cut(self, grid: OccupancyGrid) -> OccupancyGrid:
         """What ``grid`` (int8, on the same lattice) says inside the window; -1 where it says nothing."""
-        column, row = (round(edge / self.resolution_m) for edge in grid.origin)
-        right, up = self.column - column, self.row - row
-        return self.empty().with_data(window_of(grid.data, right, up, self.width, self.height, UNKNOWN))
-
-
-def window_of(
-    cells: npt.NDArray[ScalarT], right: int, up: int, width: int, height: int, outside: float
-) -> npt.NDArray[ScalarT]:
-    """(height, width): what ``cells`` hold from column ``right``, row ``up`` on; else ``outside``."""
-    kept = cells[max(up, 0) : max(up + height, 0), max(right, 0) : max(right + width, 0)]
-    x, y = max(-right, 0), max(-up, 0)
-    found = np.full((height, width), outside, dtype=cells.dtype)
-    found[y : y + kept.shape[0], x : x + kept.shape[1]] = kept
-    return found
+        window = self.empty()
+        left = round(grid.origin[0] / self.resolution_m) - self.column
+        low = round(grid.origin[1] / self.resolution_m) - self.row
+        x0, x1 = max(left, 0), min(left + grid.width, self.width)
+        y0, y1 = max(low, 0), min(low + grid.height, self.height)
+        if x0 < x1 and y0 < y1:
+            window.data[y0:y1, x0:x1] = grid.data[y0 - low : y1 - low, x0 - left : x1 - left]
+        return window
 
 
 def cell_centers(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:

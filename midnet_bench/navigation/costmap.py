@@ -2,6 +2,7 @@
 
 import functools
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D
-from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, window_of
+from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 Cells = npt.NDArray[np.uint8]
@@ -155,9 +156,9 @@ class Costmap:
         right, up = column - self.column, row - self.row
         if (right, up) == (0, 0) and self.marks.shape == (height, width):
             return
-        self.marks = window_of(self.marks, right, up, width, height, self._unseen)
+        self.marks = _moved(self.marks, right, up, width, height, self._unseen)
         if not self._remembers_for_ever:
-            self._marked_at_s = window_of(self._marked_at_s, right, up, width, height, -math.inf)
+            self._marked_at_s = _moved(self._marked_at_s, right, up, width, height, -math.inf)
         self.column, self.row = column, row
 
     def _follow(self, pose: Pose2D) -> None:
@@ -166,6 +167,17 @@ class Costmap:
     def _obstacles(self) -> Cells:
         """(H, W) uint8: what is inflated."""
         return self.marks
+
+
+def _moved(
+    old: npt.NDArray[Any], right: int, up: int, width: int, height: int, unseen: float
+) -> npt.NDArray[Any]:
+    """(height, width): what ``old`` holds from column ``right``, row ``up`` on, and ``unseen`` beyond it."""
+    kept = old[max(up, 0) : max(up + height, 0), max(right, 0) : max(right + width, 0)]
+    x, y = max(-right, 0), max(-up, 0)
+    new = np.full((height, width), unseen, dtype=old.dtype)
+    new[y : y + kept.shape[0], x : x + kept.shape[1]] = kept
+    return new
 
 
 class RollingCostmap(Costmap):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from midnet_bench.arena.free_space import FreeSpace, cells_near
+from midnet_bench.arena.free_space import cells_near
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions, hypot, standard_normals
 from midnet_bench.geometry import Box, Floats, Indices, Pose2D
@@ -169,9 +169,9 @@ class LidarSensors:
             scales = [draw_scale(stream(layout.seed, "lidar scale", *owner)) for owner in owners]
             self._scales = np.array(scales)
         self._dropout_rngs = [stream(layout.seed, "lidar dropout", *owner) for owner in owners]
-        # elsewhere no solid can be within the sensor's least range
+        # farther from the axle's cell no solid can be within the sensor's least range
         blind_m = abs(self._lidar.mount.x) + self._lidar.range_min_m + _CELL_M
-        self._blind = FreeSpace(cells_near(layout.arena, layout.stationary, blind_m))
+        self._blind = cells_near(layout.arena, layout.stationary, blind_m)
         self._to_disc = Pose2D(self._disc.offset_x_m, 0.0, 0.0)
         self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""
@@ -225,8 +225,14 @@ class LidarSensors:
         own = poses[rows]
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
+        blind, (left_m, low_m) = self._blind, self._blind.origin
         for i, (x, y, _) in enumerate(own.tolist()):
-            if self._blind.contains(x, y):
+            row, column = (math.floor(d / blind.resolution) for d in (y - low_m, x - left_m))
+            if (
+                0 <= row < blind.data.shape[0]
+                and 0 <= column < blind.data.shape[1]
+                and blind.data[row, column]
+            ):
                 # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
                 one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
                 ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])

@@ -1,9 +1,11 @@
 """What can be set of the simulated world and its sensors; nothing here needs the simulator."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from midnet_bench.plugins import load_reference
 from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.settings import Scalar, Settings, fixed, group, option
 from midnet_bench.simulation.engine import SIMULATORS
@@ -202,4 +204,10 @@ class SimulationSettings(Settings):
     @property
     def robot_model(self) -> RobotModel:
         """What all robots are."""
-        return ROBOTS.make(ROBOTS.pinned(self.robot))
+        return own_robot(self.robot) if self.robot in ROBOTS.own else ROBOTS.make(ROBOTS.pinned(self.robot))
+
+
+@functools.cache
+def own_robot(name: str) -> RobotModel:
+    """One of this package's, by its name."""
+    return load_reference(ROBOTS.own[name] or "")

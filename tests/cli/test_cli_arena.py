@@ -186,7 +186,7 @@ def test_no_room_for_a_layout_is_a_fault(tmp_path: Path) -> None:
         ("from-image plan.png --resolution nan", "--resolution: nan is out of range"),
         (
             "from-image plan.png --resolution 1",
-            "plan.png: plane_m.0: Input should be less than or",
+            "plan.png: plane_m.0: must be at most 200",
         ),
         ("from-image white.png --resolution 0.02", "white.png: there is no wall in it"),
         ("from-map wrong.yaml", "wrong.yaml: image: Field required"),

@@ -29,22 +29,19 @@ DURATION = "a trial lasts at most 122 s on average"
 REFERENCES = Path(__file__).parents[2] / "results" / "reference"
 
 
-def campaign(folder: Path, rates: list[float], seeds: int, least: int = 1) -> Path:
-    """Labyrinths with one and with five intruders, each caught at the rate of its team, from ``least`` on."""
-    teams = range(least, least + len(rates))
-    grid: dict[str, list[Scalar]] = {"intruders": [1, 5], "robots": [*teams]}
+def binomial_counts(rates: list[float]) -> "dict[tuple[int, int, int], int]":
     rng = np.random.default_rng(5)
-    counts = {
-        (k, q, seed): int(rng.binomial(k, rate))
-        for k in (1, 5)
-        for q, rate in zip(teams, rates, strict=True)
-        for seed in range(1, seeds + 1)
+    return {
+        (k, q, seed): int(rng.binomial(k, rates[q - 1]))
+        for k in range(1, 6)
+        for q in range(1, 6)
+        for seed in range(1, 41)
     }
 
-    def caught(intruders: int, robots: int, seed: int) -> int:
-        return counts[intruders, robots, seed]
 
-    labyrinth_store(folder / "campaign.sqlite", caught, seeds=seeds, grid=grid).close()
+def campaign(folder: Path, rates: list[float], seeds: int) -> Path:
+    counts = binomial_counts(rates)
+    labyrinth_store(folder / "campaign.sqlite", lambda k, q, seed: counts[k, q, seed], seeds=seeds).close()
     return folder
 
 
@@ -79,8 +76,9 @@ def verdicts(folder: Path) -> tuple[dict[str, str], int]:
 def test_a_clear_rise_is_reproduced_and_a_small_dip_is_inconclusive(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=20))
 
-    assert len(found) == 2 + 3 + 2 + 1
+    assert len(found) == 5 + 3 + 2 + 1
     assert found[DURATION] == "reproduced"
+    assert found["5 intruders: the success rate (percent) rises from 1 to 4 robots"] == "reproduced"
     assert found["all intruders: the success rate (percent) rises from 1 to 2 robots"] == "reproduced"
     assert found["1 intruder: the success rate (percent) falls from 4 to 5 robots"] == "inconclusive"
     assert code == 3
@@ -91,7 +89,7 @@ def test_a_clear_rise_is_reproduced_and_a_small_dip_is_inconclusive(tmp_path: Pa
     ("rates", "seeds", "verdict", "code"),
     [
         ([0.9, 0.7, 0.5, 0.3, 0.9], 20, "not reproduced", 4),
-        ([0.1, 0.4, 0.7, 1.0, 0.5], 20, "reproduced", 0),
+        ([0.1, 0.4, 0.7, 1.0, 0.5], 40, "reproduced", 0),
         ([0.1, 0.4, 0.7, 1.0, 0.5], 1, "inconclusive", 3),
     ],
 )
@@ -297,14 +295,14 @@ def test_the_power_is_what_it_says_it_is() -> None:
 def test_what_a_pilot_says_of_the_true_power_holds_in_nine_pilots_of_ten() -> None:
     rng = np.random.default_rng(7)
     held, wide = 0, 0
-    for _ in range(150):
+    for _ in range(500):
         pilot = float(rng.normal(10.0, 20.0, 20).var(ddof=1))
         low, high = true_power(pilot, 19, difference=10.0)
         really = probability_to_detect(400.0, 10.0, int(sample_size(pilot, 10.0)), groups=1)
         held += low <= really <= high
         wide += low < 0.6 and high > 0.9
-    assert 0.85 < held / 150 < 0.95
-    assert wide == 150
+    assert 0.86 < held / 500 < 0.94
+    assert wide == 500
     few, many = (true_power(400.0, freedom, 10.0) for freedom in (4, 199))
     assert few[0] < 0.3 < 0.7 < many[0] < 0.8 < many[1] < 0.9 < few[1]
     assert all(math.isnan(one) for one in true_power(math.nan, 19, 10.0))
@@ -321,10 +319,10 @@ def test_needed_trials_and_least_difference_are_inverse() -> None:
 
 @pytest.mark.slow
 def test_the_power_table_stands_on_the_results_at_hand(tmp_path: Path) -> None:
-    _, table = power_report(campaign(tmp_path, [0.85, 0.85], seeds=40, least=4), difference=-5.0)
+    _, table = power_report(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=40), difference=-5.0)
 
     rows = {row["intruders"]: row for row in table.rows}
-    assert list(rows) == [1, 5, "all"]
+    assert list(rows) == [1, 2, 3, 4, 5, "all"]
     assert "5 points between 4 and 5 robots" in table.title
     one, five = rows[1], rows[5]
     assert float(one["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15), rel=0.35)

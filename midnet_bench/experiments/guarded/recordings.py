@@ -28,6 +28,7 @@ from midnet_bench.experiments.guarded.record import (
 )
 from midnet_bench.page.recording import KINDS, STEP_MM, Event, Recording, Rows, tracked
 from midnet_bench.robots.model import ROBOTS
+from midnet_bench.simulation.world_settings import own_robot
 
 TURN = round(2000.0 * math.pi / STEP_MM)  # a whole turn in the page's steps of angle
 NEEDED = (FRAMES, "robots", ERRORS, "trial", "intruders", CAPTURES)
@@ -73,7 +74,7 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
     team = [(str(row["robot"]), row["role"] == "guard") for row in tables["robots"]]
     name = str(given.get("robot", ""))
     # the robot if it comes with the package: no file is run to show results
-    model = ROBOTS.make(name if name in ROBOTS.own else "burger")
+    model = own_robot(name if name in ROBOTS.own else "burger")
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
     has_scans = all(len(scan) in (0, len(beams)) for frame in frames for scan in frame.scans_m)
     words: dict[str, int] = {"": 0}
