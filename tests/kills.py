@@ -63,7 +63,6 @@ MEASURED = re.compile(rb"<h3>Speed of one worker</h3>.*?(?=<h[23])|<h2>Provenanc
 """what of a page no two runs have the same: measured speeds, and when it was run"""
 COMPILES_S = 4.0  # of the half a minute that it takes in all, from the command's beginning
 MIN_COMPILING = 5  # blows that fall before the last loop has been compiled
-OWN_TIMES = "run_id, wall_s, finished_utc, checksum"
 PARENT, WORKER, GROUP = "parent", "worker", "group"
 KILLED = ((signal.SIGKILL, PARENT), (signal.SIGKILL, GROUP), (signal.SIGKILL, WORKER))
 TERMINATED = ((signal.SIGTERM, PARENT), (signal.SIGTERM, GROUP))

@@ -86,7 +86,6 @@ class ReplayOptions:
     @contextmanager
     def naming_options(self) -> Iterator[None]:
         """Errors in the block that begin with a key name where its value was typed: an option or the file."""
-        from midnet_bench.campaign.definition import parse_settings
         from midnet_bench.recording.setup import RecordingSetup
 
         typed = {key: f"{self.setup}: {key}" for key in RecordingSetup.model_fields if self.setup}
@@ -95,7 +94,8 @@ class ReplayOptions:
             yield
         except InputError as error:
             key, colon, rest = str(error).removeprefix("replay: ").partition(": ")
-            if key == "settings" and rest.partition(": ")[0] in parse_settings(self.settings or [], None):
+            option = rest.partition(":")[0]
+            if key == "settings" and any(one.startswith(f"{option}=") for one in self.settings or []):
                 raise InputError(f"--set {rest}") from error
             if key not in typed:
                 raise

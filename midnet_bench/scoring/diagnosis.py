@@ -120,10 +120,13 @@ def miss_cause(
     if any(touches(box, truths[truth].box) for box in detections):
         return Cause("merged")
     causes = [_lost_by(truth, truths, view) for view in views]
-    # a late box had passed every stage that a box beside it passes
-    stages = ["pose_error" if one.name == "delay" and one.offset_m > 0.0 else one.name for one in causes]
-    reached = [list(MISS_CAUSES).index(name) for name in stages]
-    return causes[reached.index(max(reached))] if causes else Cause(UNEXPLAINED)
+    return max(causes, key=_stage, default=Cause(UNEXPLAINED))
+
+
+def _stage(cause: Cause) -> int:
+    """How far a guard got it. A late box had passed every stage that a box beside it passes."""
+    is_box = cause.name == "delay" and cause.offset_m > 0.0
+    return list(MISS_CAUSES).index("pose_error" if is_box else cause.name)
 
 
 def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause:
