@@ -107,7 +107,9 @@ def test_a_campaign_with_parts_of_ones_own_says_which_they_were(whole: Path) -> 
     said = (whole / "configuration.json").read_text()
     for name in OWN_NAMES:
         assert f"{name}#" in said
-    assert [row["frames"] for row in rows(whole / "scores.csv")] == ["5", "5", "5"]
+    scores = rows(whole / "scores.csv")
+    assert [row["frames"] for row in scores] == ["5", "5", "5"]
+    assert all(float(row["recall"]) > 0.1 and float(row["precision"]) > 0.5 for row in scores)
     assert sum(float(row["distance_m"]) for row in rows(whole / "robots.csv")) > 0.5
 
 
