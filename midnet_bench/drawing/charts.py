@@ -4,7 +4,7 @@ import contextlib
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from math import ceil
+from math import ceil, isfinite
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -285,9 +285,10 @@ def drawn_data(name: str, figure: Figure) -> Table:
 def counted(estimates: Sequence[Estimate], method: str) -> str:
     """``mean of 20 trials; 95 % intervals: ...``: what the points of a figure are made of."""
     counts = sorted({estimate.n for estimate in estimates if estimate.n}) or [0]
-    if counts == [1]:
-        return "one trial each, without intervals"
-    return f"mean of {' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials; {method}"
+    each = f"mean of {' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials"
+    each = "one trial each" if counts == [1] else each
+    has_interval = any(isfinite(estimate.low) for estimate in estimates)
+    return f"{each}; {method}" if has_interval else f"{each}, without intervals"
 
 
 @own_style()

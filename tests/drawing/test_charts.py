@@ -5,7 +5,7 @@ import math
 import pytest
 
 from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.drawing.charts import STYLES, add_estimates, chart, chart_files
+from midnet_bench.drawing.charts import STYLES, add_estimates, chart, chart_files, counted
 
 
 def test_times_that_are_all_equal_have_a_bar_of_no_length() -> None:
@@ -20,3 +20,15 @@ def test_times_that_are_all_equal_have_a_bar_of_no_length() -> None:
     ends = [segment[:, 1].tolist() for segment in bars.get_segments() if len(segment)]
     assert ends == [[alike.value, pytest.approx(239.8, abs=1e-12)]]  # and none for the undefined one
     assert chart_files(figure)
+
+
+@pytest.mark.parametrize(
+    ("low", "trials", "said"),
+    [
+        (math.nan, 1, "one trial each, without intervals"),
+        (math.nan, 2, "mean of 2 trials, without intervals"),
+        (0.4, 3, "mean of 3 trials; how"),
+    ],
+)
+def test_a_figure_says_what_its_points_are_made_of(low: float, trials: int, said: str) -> None:
+    assert counted([Estimate(0.5, low, 0.6, trials)], "how") == said

@@ -34,7 +34,7 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     place = "" if arena.startswith("{") else f": {arena}"
     title = f"Detection test{place}{frames}, {_seeds(next(iter(cells.values())).rows)}"
     notes = ["F1 one-to-one counts a second box on an intruder as false, the paper as true."]
-    if seeds > 1 or known:
+    if seeds > 2 or known:
         notes += ["±: the wider side of the 95 % interval (t, over seeds)."]
     if seeds == 2:
         notes += ["Two seeds give no interval; three do."]
