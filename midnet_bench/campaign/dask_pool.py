@@ -6,12 +6,13 @@ import itertools
 import logging
 import math
 import queue
+import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from importlib import metadata
 from typing import Any
 
-from midnet_bench.campaign.pool import Group, WorkersLost, attempt
+from midnet_bench.campaign.pool import Group, WorkersLost, attempt, uninterrupted
 from midnet_bench.campaign.trial import Outcome, RunTrials
 from midnet_bench.errors import InputError, MidnetBenchError
 
@@ -23,8 +24,10 @@ except ImportError as error:
 CONNECT_TIMEOUT_S = 5
 POLL_S = 0.5  # between two looks at the workers of the cluster
 TELL_AFTER_S = 2.0  # without any worker; one that died is started again in less
-_LOGGERS = [logging.getLogger(name) for name in ("distributed.client", "tornado.application")]
-"""what they log comes up as the error in outcomes"""
+_LOGGERS = [
+    logging.getLogger(name) for name in ("distributed.client", "distributed.batched", "tornado.application")
+]
+"""what they log comes up as the error in outcomes, or is of a connection that we close"""
 
 
 class DaskPool:
@@ -96,15 +99,55 @@ class DaskPool:
     def outcomes(
         self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
-        """See :meth:`Pool.outcomes`. Dask tries a group on several workers before it gives it up."""
+        """See :meth:`Pool.outcomes`. Dask tries a group on several workers before it gives it up.
+
+        A thread talks to Dask. Python raises KeyboardInterrupt in the main thread alone: there it could get
+        lost in a destructor of Dask's, or come out of a lock as another error.
+        """
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        said: queue.SimpleQueue[list[Outcome] | str | Exception | None] = queue.SimpleQueue()
+
+        def talk() -> None:
+            try:
+                for one in self._talk(run_trials, groups, limit_s, one_at_a_time, finished):
+                    said.put(one)
+                said.put(None)
+            except Exception as error:
+                said.put(error)
+
+        thread = threading.Thread(target=talk, daemon=True)
+        try:
+            with uninterrupted():
+                thread.start()
+            while (one := said.get()) is not None:
+                if isinstance(one, Exception):
+                    raise one
+                if isinstance(one, str):
+                    self._note(one)
+                else:
+                    yield from one
+        finally:
+            finished.put(None)
+            thread.join(CONNECT_TIMEOUT_S)  # no longer: a cluster that is lost may never answer
+
+    def _talk(
+        self,
+        run_trials: RunTrials,
+        groups: Iterator[Group],
+        limit_s: float,
+        one_at_a_time: bool,
+        finished: "queue.SimpleQueue[Any]",
+    ) -> Iterator[list[Outcome] | str]:
+        """The outcomes of groups, and notes. ``finished`` gets futures that are done, and None to stop."""
         in_flight: dict[Any, str] = {}
         given_up: dict[str, str] = {}
         try:
             if not self.workers:
                 while not self.workers:
-                    self._note_absence()
-                    time.sleep(POLL_S)
+                    yield from self._absence()
+                    with contextlib.suppress(queue.Empty):
+                        finished.get(timeout=POLL_S)
+                        return
                 self._check_versions()
             while True:
                 most = 1 if one_at_a_time else 2 * max(1, self.workers)
@@ -117,20 +160,22 @@ class DaskPool:
                 try:
                     future = finished.get(timeout=POLL_S)
                 except queue.Empty:
-                    self._note_absence()
+                    yield from self._absence()
                     continue
+                if future is None:
+                    return
                 try:
                     outcomes = future.result(timeout=POLL_S)
                 except TimeoutError:  # the worker that had the result has left: Dask runs it again
                     finished.put(future)
-                    self._note_absence()
+                    yield from self._absence()
                     continue
                 except distributed.KilledWorker:
                     given_up[in_flight.pop(future)] = ""
                     continue
                 del in_flight[future]
                 self._absent_since_s = None
-                yield from outcomes
+                yield outcomes
         except MidnetBenchError:
             raise
         except Exception as error:
@@ -144,15 +189,15 @@ class DaskPool:
         if given_up:
             raise WorkersLost("workers of the cluster died", given_up)
 
-    def _note_absence(self) -> None:
-        """Notes once each time that the last worker has gone for some seconds."""
+    def _absence(self) -> Iterator[str]:
+        """A note, once each time that the last worker has gone for some seconds."""
         if self.workers:
             self._absent_since_s = None
         elif self._absent_since_s is None:
             self._absent_since_s = time.monotonic()
         elif time.monotonic() - self._absent_since_s > TELL_AFTER_S:
             self._absent_since_s = math.inf
-            self._note(
+            yield (
                 f"{self._name}: no workers there; the trials wait for one"
                 " (Ctrl-C stops, and the same command continues)"
             )

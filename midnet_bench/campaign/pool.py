@@ -87,7 +87,9 @@ def interruptible() -> Iterator[None]:
     def interrupt(signum: int, frame: FrameType | None) -> None:
         for number in before:
             signal.signal(number, signal.SIG_DFL)
-        raise KeyboardInterrupt(signum)
+        if _heard is None:
+            raise KeyboardInterrupt(signum)
+        _heard.append(signum)
 
     if threading.current_thread() is not threading.main_thread():  # Python delivers signals to no other
         yield
@@ -106,6 +108,27 @@ def interruptible() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+_heard: list[int] | None = None
+"""the signals to end that came inside :func:`uninterrupted`; None outside"""
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """KeyboardInterrupt comes after what is done inside: it could leave that half done, or a lock behind."""
+    global _heard
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard: list[int] = []
+    _heard = heard
+    try:
+        yield
+    finally:
+        _heard = None
+    if heard:
+        raise KeyboardInterrupt(*heard)
 
 
 # In a worker
@@ -307,7 +330,8 @@ class _Workers:
         self._idle_s, self._last_s = 0.0, time.monotonic()
         self._results: queue.SimpleQueue[list[Outcome] | BaseException | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        with uninterrupted():
+            self._thread.start()
 
     def _run(self) -> None:
         resource_tracker.ensure_running()  # joblib would start it, and Python unblocks signals when it starts

@@ -15,7 +15,15 @@ import joblib
 
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign.definition import ResolvedCampaign
-from midnet_bench.campaign.pool import HARD_LIMIT_S, Group, LokyPool, Pool, WorkersLost, interruptible
+from midnet_bench.campaign.pool import (
+    HARD_LIMIT_S,
+    Group,
+    LokyPool,
+    Pool,
+    WorkersLost,
+    interruptible,
+    uninterrupted,
+)
 from midnet_bench.campaign.provenance import Provenance, collect, remember, versions_note
 from midnet_bench.campaign.store import Inventory, Store
 from midnet_bench.campaign.trial import Cell, Outcome, RunTrials, TrialSpec
@@ -246,7 +254,8 @@ def _add_trials(
     run_id = store.begin_run(_provenance(campaign))
 
     def keep(spec: TrialSpec, outcome: Outcome) -> None:
-        store.record(run_id, spec, outcome)
+        with uninterrupted():
+            store.record(run_id, spec, outcome)
         progress.advance(outcome)
 
     try:

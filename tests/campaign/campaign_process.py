@@ -1,4 +1,4 @@
-"""Campaigns of coins in processes of their own, for tests that interrupt and kill them."""
+"""Campaigns of coins in processes of their own, for tests that interrupt and kill them; what they stored."""
 
 import json
 import os
@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from midnet_bench.campaign.definition import ResolvedCampaign
+from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.store import export_csv, open_store
 
 HERE = Path(__file__).parent
@@ -58,3 +60,15 @@ def exported(directory: Path) -> dict[str, bytes]:
     return {
         path.name: path.read_bytes() for path in (directory / "csv").glob("*.csv") if path.stem != "timing"
     }
+
+
+def payloads(directory: Path) -> dict[str, bytes | None]:
+    """Trial id -> the bytes that are stored; None for one that failed."""
+    with open_store(directory / "campaign.sqlite") as store:
+        return {trial.trial_id: trial.payload for trial in store.trials()}
+
+
+def alone(campaign: ResolvedCampaign) -> dict[str, bytes | None]:
+    """The same of trials that run one by one in this process, and share nothing."""
+    outcomes = (attempt(campaign.run_trials, [spec], 60.0)[0] for spec in campaign.trials())
+    return {outcome.trial_id: outcome.payload for outcome in outcomes}

@@ -8,6 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from midnet_bench.campaign import pool
 from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 
@@ -74,6 +75,12 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
             time.sleep(0.01)
     elif kind == "native":
         sum(range(10**13))  # Python looks at no signal inside
+
+
+def prepare_impatient_worker(parent_pid: int) -> None:
+    """As the pool does; native code that goes on after the time limit is not waited for long."""
+    pool.HARD_LIMIT_S = 0.3
+    pool.prepare_worker(parent_pid)
 
 
 def threads() -> Row:

@@ -8,37 +8,30 @@ from typing import Any
 
 import pytest
 
+from midnet_bench.campaign import pool as pools
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.runner import MOST_TOGETHER, pending_trials, run_campaign
-from midnet_bench.campaign.store import Inventory, StoredTrial, open_or_create, open_store
+from midnet_bench.campaign.store import Inventory, open_or_create, open_store
 from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables
 from tests.campaign import coin_experiments as coins
+from tests.campaign.campaign_process import alone, payloads
+from tests.campaign.coin_trial import prepare_impatient_worker
 
+slow = pytest.mark.slow
 BIASES = [0.2, 0.4, 0.6, 0.8]
 
 
-def campaign(trouble: Sequence[str] = ("",), **keys: Any) -> ResolvedCampaign:
+def campaign(**keys: Any) -> ResolvedCampaign:
     """Two seeds of coins whose tosses are shared by all biases."""
     values = {
         "experiment": "coins",
-        "grid": {"coins": [2, 5], "bias": BIASES, "trouble": list(trouble)},
+        "grid": {"coins": [2, 5], "bias": BIASES},
         "trials": 2,
         "parameters": {"trouble_seed": 2},
         **keys,
     }
     return resolve(Campaign.model_validate(values), coins)
-
-
-def alone(resolved: ResolvedCampaign) -> dict[str, bytes | None]:
-    """Trial id -> its bytes when nobody shares its work; None for one that raises."""
-    outcomes = (attempt(resolved.run_trials, [spec], 60.0)[0] for spec in resolved.trials())
-    return {outcome.trial_id: outcome.payload for outcome in outcomes}
-
-
-def stored(directory: Path) -> dict[str, StoredTrial]:
-    with open_store(directory / "campaign.sqlite") as store:
-        return {trial.trial_id: trial for trial in store.trials()}
 
 
 def groups(resolved: ResolvedCampaign, inventory: Inventory | None = None) -> list[list[TrialSpec]]:
@@ -59,16 +52,14 @@ def test_no_more_than_memory_holds_come_together() -> None:
     assert [len(group) for group in groups(many)] == [MOST_TOGETHER, 5]
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_shared_trials_have_the_bytes_that_they_have_alone(tmp_path: Path, jobs: int) -> None:
+def test_shared_trials_have_the_bytes_that_they_have_alone(tmp_path: Path) -> None:
     resolved = campaign()
-    run_campaign(resolved, tmp_path, jobs=jobs)
-    assert {trial_id: trial.payload for trial_id, trial in stored(tmp_path).items()} == alone(resolved)
+    run_campaign(resolved, tmp_path, jobs=2)
+    assert payloads(tmp_path) == alone(resolved)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_any_subset_may_be_there_already(tmp_path: Path, seed: int) -> None:
-    resolved, chance = campaign(), Random(seed)
+def test_any_subset_may_be_there_already(tmp_path: Path) -> None:
+    resolved, chance = campaign(), Random(1)
     with open_or_create(tmp_path / "campaign.sqlite", resolved.definition) as store:
         run_id = store.begin_run({})
         for spec in resolved.trials():
@@ -77,39 +68,46 @@ def test_any_subset_may_be_there_already(tmp_path: Path, seed: int) -> None:
         there = sum(store.counts())
     outcome = run_campaign(resolved, tmp_path, jobs=1)
     assert outcome.ran == len(resolved.cells) * 2 - there
-    assert {trial_id: trial.payload for trial_id, trial in stored(tmp_path).items()} == alone(resolved)
+    assert payloads(tmp_path) == alone(resolved)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("trouble", ["raise", "refuse", "odd", "exit", "segfault"])
-def test_one_that_fails_takes_no_other_along(tmp_path: Path, trouble: str) -> None:
-    resolved = campaign(("", trouble))
-    outcome = run_campaign(resolved, tmp_path, jobs=1)
-    found = stored(tmp_path)
-    failed = {trial_id for trial_id, trial in found.items() if trial.status == "failed"}
+@pytest.mark.parametrize(
+    ("trouble", "reason", "where"),
+    [
+        ("raise", "ValueError: the coin stands on its edge", "make_trouble"),
+        ("odd", "ValueError: trial: 'heads': neither a number nor a text", "encode_tables"),
+        ("exit", "SystemExit: 3", "make_trouble"),
+        ("spin", "TrialTimeout: still running after its limit of 0.3 s of wall time", "while True"),
+        pytest.param("native", "still in native code 2 s after its limit of", "make_trouble", marks=slow),
+        pytest.param("segfault", "its worker died twice", "Segmentation fault", marks=slow),
+    ],
+)
+def test_one_that_fails_takes_no_other_along(
+    tmp_path: Path, trouble: str, reason: str, where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``native``: what cannot be interrupted, and the worker ends."""
+    if trouble == "native":
+        monkeypatch.setattr(pools, "prepare_worker", prepare_impatient_worker)
+    resolved = campaign(grid={"bias": [0.2, 0.4], "trouble": ["", trouble]}, trial_timeout_s=0.3)
+    outcome = run_campaign(resolved, tmp_path, jobs=2)
     guilty = {spec.trial_id for spec in resolved.trials() if spec.parameters["trouble"] and spec.seed == 2}
-    assert failed == guilty
-    assert outcome.failed == len(guilty) == 2 * len(BIASES)
-    if trouble != "segfault":
-        assert {trial_id: trial.payload for trial_id, trial in found.items()} == alone(resolved)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["spin", "native"])
-def test_a_group_that_takes_too_long_is_taken_apart(tmp_path: Path, how: str) -> None:
-    """Also where native code cannot be interrupted, and the worker ends."""
-    resolved = campaign(grid={"bias": [0.2, 0.4], "trouble": ["", how]}, trial_timeout_s=0.5)
-    run_campaign(resolved, tmp_path, jobs=1)
-    failed = [trial for trial in stored(tmp_path).values() if trial.status == "failed"]
-    assert [(trial.seed, trial.parameters["trouble"]) for trial in failed] == [(2, how)] * 2
-    assert all("after its limit of 0.5 s" in trial.reason for trial in failed)
+    assert (outcome.finished, outcome.failed) == (6, 2)
+    with open_store(tmp_path / "campaign.sqlite") as store:
+        failed = {trial.trial_id: trial for trial in store.trials() if trial.status == "failed"}
+    assert failed.keys() == guilty
+    for trial in failed.values():
+        assert reason in trial.reason
+        assert where in trial.traceback
+    innocent = [spec for spec in resolved.trials() if spec.trial_id not in guilty]
+    wanted = {spec.trial_id: encode_tables(coins.run_trial(spec)) for spec in innocent}
+    assert payloads(tmp_path) == {**wanted, **dict.fromkeys(guilty)}
 
 
 def test_the_time_of_a_group_is_parted_evenly() -> None:
-    (group, *_) = groups(campaign(parameters={"work_s": 0.2}))
+    (group, *_) = groups(campaign(parameters={"work_s": 0.1}))
     times = [one.wall_s for one in attempt(coins.run_trials, group, 60.0)]
     assert len(set(times)) == 1
-    assert 0.2 <= sum(times) < 0.4
+    assert 0.1 <= sum(times) < 0.3
 
 
 def in_vain(specs: Sequence[TrialSpec], calls: list[int]) -> list[TrialResult | Exception]:
