@@ -68,30 +68,16 @@ def _known(source: str) -> str:
 class Group(NamedTuple):
     """Settings of one concern inside others."""
 
-    title: str = ""
-    prefix: str = ""
-    only: tuple[str, ...] | None = None
+    title: str = ""  # what a list of options calls the concern here
+    prefix: str = ""  # stands before the flat keys of all its options
+    only: tuple[str, ...] | None = None  # the names of the fields that can be set here; None: all options
     sources: Mapping[str, str] = {}
+    """field name -> source of the default here; in a group within this one ``group.field``"""
 
 
-def group(
-    default: "Settings",
-    title: str,
-    *,
-    prefix: str = "",
-    only: tuple[str, ...] | None = None,
-    sources: Mapping[str, str] | None = None,
-) -> Any:
-    """A field that nests the settings of one concern.
-
-    Args:
-        default: an instance, whose values are the defaults here.
-        title: what a list of options calls the concern here.
-        prefix: stands before the flat keys of all its options.
-        only: the names of the fields that can be set here; None: all options.
-        sources: field name -> source of the default here; in a group within this one ``group.field``.
-    """
-    return field(default=default, metadata={"group": Group(title, prefix, only, dict(sources or {}))})
+def group(default: "Settings", title: str, **place: Any) -> Any:
+    """A field that nests the settings of one concern: an instance with the defaults, and of a ``Group``."""
+    return field(default=default, metadata={"group": Group(title, **place)})
 
 
 def like(owner: type["Settings"], name: str, default: Scalar, source: str = "") -> Any:

@@ -62,8 +62,7 @@ class GMapping(GridSlam):
         self._poses = np.tile(np.array(initial.compose(geometry.mount)), (settings.particles, 1))
         self._weights = np.zeros(settings.particles)  # log-likelihoods since the last resampling
         self._weight_sums = np.zeros(settings.particles)  # and since the first scan
-        self._threads = ParticleThreads(settings.particles, threads)
-        self._maps = ParticleMaps(settings.particles, settings.resolution_m, self._threads)
+        self._maps = ParticleMaps(settings.particles, settings.resolution_m, threads)
         self._correction = initial
         self._odometry = ORIGIN
         self._history: list[Floats] = []
@@ -107,7 +106,7 @@ class GMapping(GridSlam):
         """Put every particle on its match and weigh it by that; the best one's score per beam that hit."""
         maps, poses = self._maps, self._maps.to_cells(self._poses)
         beams = rays.ends_m[: rays.hits] / self.settings.resolution_m
-        parts = self._threads.over_particles(
+        parts = maps.over_particles(
             lambda part: match_particles(maps.means, maps.tables[part], beams, poses[part], self._matching)
         )
         matched, likelihoods, scores = (np.concatenate(both) for both in zip(*parts, strict=True))
@@ -317,23 +316,6 @@ def cores() -> int:
     return int(numba().config.NUMBA_NUM_THREADS)
 
 
-class ParticleThreads:
-    """Calls compiled loops that release Python's lock (``nogil``) for parts of the particles at once.
-
-    Each particle is worked on by itself, so the number of threads changes no result.
-    """
-
-    def __init__(self, particles: int, threads: int) -> None:
-        parts = min(particles, threads * _PARTS_PER_THREAD) if threads > 1 else 1
-        ends = [particles * part // parts for part in range(parts + 1)]
-        self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
-        self._map = ThreadPoolExecutor(threads).map if threads > 1 else map
-
-    def over_particles(self, loop: Callable[[slice], PartT]) -> list[PartT]:
-        """What ``loop`` gives for each part, in the order of the particles."""
-        return list(self._map(loop, self._parts))
-
-
 class ParticleMaps:
     """One map of mean hit points for each of N particles.
 
@@ -347,9 +329,12 @@ class ParticleMaps:
     GMapping puts the centres.
     """
 
-    def __init__(self, particles: int, resolution_m: float, threads: ParticleThreads | None = None) -> None:
+    def __init__(self, particles: int, resolution_m: float, threads: int = 1) -> None:
         self.resolution_m = resolution_m
-        self._threads = threads or ParticleThreads(particles, 1)
+        parts = min(particles, threads * _PARTS_PER_THREAD) if threads > 1 else 1
+        ends = [particles * part // parts for part in range(parts + 1)]
+        self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
+        self._map = ThreadPoolExecutor(threads).map if threads > 1 else map
         self.origin_cells = np.zeros(2, dtype=np.int64)
         """(column, row) of the tables' first cell on the lattice through the map frame's origin"""
         self.tables: Integers = np.zeros((particles, 1, 1), dtype=np.int32)
@@ -358,6 +343,13 @@ class ParticleMaps:
         """(P, 32, 32, 2) mean hit points in cells from their patch's corner; EMPTY where there are no hits"""
         self.counts: Integers = np.zeros((1, PATCH_CELLS, PATCH_CELLS, 2), dtype=np.int32)
         """(P, 32, 32, 2) hits, and visits"""
+
+    def over_particles(self, loop: Callable[[slice], PartT]) -> list[PartT]:
+        """What a compiled loop gives for each part of the particles, in their order; threads share the parts.
+
+        Each particle is worked on by itself, so the number of threads changes no result.
+        """
+        return list(self._map(loop, self._parts))
 
     def to_cells(self, poses: Floats) -> Floats:
         """(N, 3) poses with x and y in cells from the tables' corner instead of metres in the map frame."""
@@ -376,12 +368,10 @@ class ParticleMaps:
         reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max(initial=0.0)))
         self._grow(poses[:, :2].min(axis=0) - reach_m, poses[:, :2].max(axis=0) + reach_m)
         cells, ends = self.to_cells(poses), ends_m / self.resolution_m
-        touched = self._threads.over_particles(
-            lambda part: mark_patches(self.tables[part], cells[part], ends, hits)
-        )
+        touched = self.over_particles(lambda part: mark_patches(self.tables[part], cells[part], ends, hits))
         self._own(np.concatenate(touched))
         # each particle owns the patches that it writes to
-        self._threads.over_particles(
+        self.over_particles(
             lambda part: register_rays(self.means, self.counts, self.tables[part], cells[part], ends, hits)
         )
 

@@ -113,7 +113,7 @@ class DwaPlanner(LocalPlanner):
         )
         """of speed and turn: how far one period reaches, lowest, highest"""
         # numba looks at a tuple with names anew at every call, which takes longer than to pass it
-        parameters = SearchParameters(
+        self._parameters = SearchParameters(
             min_vel_trans=float(limits.min_vel_trans_mps),
             max_vel_trans=float(limits.max_vel_trans_mps),
             min_vel_theta=float(limits.min_vel_theta_radps),
@@ -123,8 +123,7 @@ class DwaPlanner(LocalPlanner):
             goal=dwa.goal_distance_bias * resolution,
             occupied=float(dwa.occdist_scale),
             forward_cells=FORWARD_POINT_DISTANCE_M / resolution,
-        )
-        self._parameters = tuple(parameters)
+        )[:]
 
     def reset(self) -> None:
         """Allow all signs of velocity again."""

@@ -19,7 +19,7 @@ from midnet_bench.elementary import atan2, cos_sin
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Command, Floats, Indices, Pose2D, Solid
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.engine import Beams
+from midnet_bench.simulation.engine import SOLVER_ITERATIONS, Beams
 
 
 class PyBulletMissingError(InputError, ImportError):
@@ -101,24 +101,24 @@ class BulletEngine:
     each other.
     """
 
-    def __init__(self, layout: Layout, robot: RobotModel, step_hz: int, solver_iterations: int) -> None:
+    def __init__(self, layout: Layout, robot: RobotModel, step_hz: int) -> None:
         self._robot = robot
         self._step_hz = step_hz
         self.client = Client()
         self._ray_client = Client()
         """the solids alone: beside floor and robots, which no beam meets, a ray takes a fifth longer"""
         try:
-            self._build(layout, solver_iterations)
+            self._build(layout)
         except BaseException:
             self.close()
             raise
 
-    def _build(self, layout: Layout, solver_iterations: int) -> None:
+    def _build(self, layout: Layout) -> None:
         """Load everything, and let the robots settle on their wheels."""
         starts = layout.robots + layout.intruders
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=1.0 / self._step_hz,
-            numSolverIterations=solver_iterations,
+            numSolverIterations=SOLVER_ITERATIONS,
             deterministicOverlappingPairs=1,
         )
         self.client.setGravity(0.0, 0.0, -9.81)

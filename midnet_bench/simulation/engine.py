@@ -17,6 +17,7 @@ SIMULATORS = ExtensionPoint(
     own={"bullet": None, "fast": None, "mujoco": "midnet_bench.simulation.mujoco_engine:MujocoEngine"},
     needs={"mujoco": "mujoco"},
 )
+SOLVER_ITERATIONS = 50  # over a step's contacts, at most; pybullet, numSolverIterations
 
 
 class Beams(NamedTuple):

@@ -184,25 +184,18 @@ class LidarSensors:
         inf where nothing reflects within range or the beam drops out; 0 (``TOO_NEAR_M``) where something
         stands closer than the sensor's least range. ``noise``, ``dropouts``: of all robots of the world;
         the sensors' own dropouts unless given.
-        """
-        ranges = self.scan_and_bodies(indices, noise)[0]
-        rngs = dropouts or self._dropout_rngs
-        for own, index in zip(ranges, indices, strict=True):
-            if self._dropout > 0.0:
-                own[rngs[index].random(len(own)) < self._dropout] = np.inf
-        return ranges
-
-    def scan_and_bodies(self, indices: Sequence[int] | Indices, noise: Generators) -> tuple[Floats, Indices]:
-        """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
-
-        No beam drops out here: this is what could be seen.
 
         Raises:
             ValueError: one of these robots was removed.
         """
         rows = np.asarray(indices, dtype=np.int64)
-        _, true_ranges, bodies = self.newest = self.true_scan(rows)
-        return self.measured(true_ranges, rows, noise), bodies
+        self.newest = self.true_scan(rows)
+        ranges = self.measured(self.newest.ranges_m, rows, noise)
+        rngs = dropouts or self._dropout_rngs
+        for own, index in zip(ranges, indices, strict=True):
+            if self._dropout > 0.0:
+                own[rngs[index].random(len(own)) < self._dropout] = np.inf
+        return ranges
 
     def measured(self, true_ranges: Floats, rows: Indices, noise: Generators) -> Floats:
         """(m, beams) what the LiDARs of those robots report of true ranges, inf for nothing; metres.
@@ -254,6 +247,10 @@ def draw_scale(rng: np.random.Generator) -> float:
     return float(np.clip(1.0 + 0.05 / 3.0 * standard_normals(rng, (1,)).item(), 0.95, 1.05))
 
 
+GYRO_STDDEV_RADPS, GYRO_BIAS_RADPS, GYRO_BIAS_STDDEV_RADPS = 2e-4, 7.5e-6, 8e-7
+"""turtlebot3_burger.gazebo.xacro, imu, rate: stddev, bias_mean and bias_stddev"""
+
+
 class ImuSensors:
     """The gyroscopes of n robots.
 
@@ -270,7 +267,7 @@ class ImuSensors:
         self._rngs, self._settings = rngs, settings
         signs = np.array([rng.choice((-1.0, 1.0), size=2)[0] for rng in rngs])
         draws = np.array([standard_normals(rng, (2,))[0] for rng in rngs])
-        self._biases = signs * (settings.gyro_bias_radps + settings.gyro_bias_stddev_radps * draws)
+        self._biases = signs * (GYRO_BIAS_RADPS + GYRO_BIAS_STDDEV_RADPS * draws)
         self._drifts = np.zeros(len(rngs))
         """(n,) the integral of each yaw rate's errors, radians"""
         self._readings = np.full((len(rngs), 2), np.nan)
@@ -284,7 +281,7 @@ class ImuSensors:
         yaws, rates = poses[rows, 2], velocities[rows, 1]
         if self._settings.noise == "gazebo":
             noise = drawn(self._rngs, rows, 2)[:, 0]
-            errors = self._biases[rows] + self._settings.gyro_stddev_radps * noise
+            errors = self._biases[rows] + GYRO_STDDEV_RADPS * noise
             self._drifts[rows] += errors * elapsed_s
             yaws = (yaws + self._drifts[rows] + math.pi) % (2.0 * math.pi) - math.pi
             rates = rates + errors

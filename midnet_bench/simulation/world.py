@@ -194,9 +194,9 @@ def _engine(layout: Layout, settings: WorldSettings, robot: RobotModel) -> Engin
     if settings.engine == "fast":
         from midnet_bench.simulation.fast.fast_engine import FastEngine
 
-        return FastEngine(layout, robot, settings.step_hz, settings.solver_iterations)
+        return FastEngine(layout, robot, settings.step_hz)
     if settings.engine == "bullet":
         from midnet_bench.simulation.bullet_engine import BulletEngine
 
-        return BulletEngine(layout, robot, settings.step_hz, settings.solver_iterations)
+        return BulletEngine(layout, robot, settings.step_hz)
     return SIMULATORS.make(settings.engine, layout, robot, settings.step_hz)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from midnet_bench.plugins import load_reference
 from midnet_bench.robots.model import ROBOTS, RobotModel
-from midnet_bench.settings import Scalar, Settings, fixed, group, option
+from midnet_bench.settings import Scalar, Settings, group, option
 from midnet_bench.simulation.engine import SIMULATORS
 
 LidarNoise = Literal["gazebo", "datasheet", "none"]
@@ -31,9 +31,6 @@ class WorldSettings(Settings):
         le=1000,
         multiple_of=10,
         source="ours: Gazebo steps at 1000 Hz and its wheels' plugin at 30 Hz",
-    )
-    solver_iterations: int = fixed(
-        50, "package: pybullet, numSolverIterations; off unless engine=bullet|fast"
     )
 
 
@@ -122,15 +119,6 @@ class ImuSettings(Settings):
         " ROS 1 plugin published it.",
         key="imu_noise",
         source="ours: the description states errors that Gazebo's ROS 1 plugin leaves out",
-    )
-    gyro_stddev_radps: float = fixed(
-        2e-4, "package: turtlebot3_burger.gazebo.xacro, imu, rate, stddev; off unless imu_noise=gazebo"
-    )
-    gyro_bias_radps: float = fixed(
-        7.5e-6, "package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_mean; off unless imu_noise=gazebo"
-    )
-    gyro_bias_stddev_radps: float = fixed(
-        8e-7, "package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_stddev; off unless imu_noise=gazebo"
     )
 
 

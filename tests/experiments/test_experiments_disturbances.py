@@ -35,8 +35,9 @@ def trial(**values: Any) -> Iterator[DetectionTrial]:
 
 def scan_now(made: DetectionTrial) -> tuple[np.ndarray, np.ndarray]:
     """Of every robot, with the same noise each time, and which bodies the beams meet."""
-    robots = range(len(made.fleet.robots))
-    return made.lidars.scan_and_bodies(robots, [np.random.default_rng(i) for i in robots])
+    robots = np.arange(len(made.fleet.robots))
+    true = made.lidars.true_scan(robots)
+    return made.lidars.measured(true.ranges_m, robots, [*map(np.random.default_rng, robots)]), true.bodies
 
 
 def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:

@@ -54,7 +54,7 @@ def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: fl
     layout = scene([(0.0, 0.0, 0.0)], [(0.8, 0.3, 2.0)])
     with BulletWorld(layout) as world:
         lidars = sensors(world, profile)
-        ranges, bodies = lidars.scan_and_bodies([0], ANY)
+        ranges, bodies = lidars.scan([0], ANY), lidars.newest.bodies
         axis = Pose2D(*world.poses()[0]).compose(LDS_01.mount)
         ((x, y, _),) = discs_seen(world.poses(), by=0, radius=radius, offset=offset)
         met = np.flatnonzero(bodies[0] == 1)
@@ -74,7 +74,8 @@ def test_bodies_tell_robots_from_what_stands() -> None:
     with BulletWorld(
         scene([(0.0, 0.0, 0.0)], [(0.0, 1.0, 0.0)], stationary=[block], arena=load_arena("map2"))
     ) as world:
-        ranges, bodies = sensors(world).scan_and_bodies([0, 1], ANY)
+        lidars = sensors(world)
+        ranges, bodies = lidars.scan([0, 1], ANY), lidars.newest.bodies
     assert bodies[0, 90] == 1
     assert bodies[1, 270] == 0
     assert bodies[0, 180] == SOLID
@@ -85,7 +86,7 @@ def test_bodies_tell_robots_from_what_stands() -> None:
 
 def test_the_nearer_of_two_robots_hides_the_other() -> None:
     with BulletWorld(scene([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)], [(1.5, 0.0, 0.0)])) as world:
-        _, bodies = sensors(world).scan_and_bodies([0], ANY)
+        bodies = sensors(world).true_scan(np.array([0])).bodies
     assert 2 not in bodies
     assert np.count_nonzero(bodies == 1) == 9
 
@@ -105,7 +106,8 @@ def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: fl
 
 def test_a_robot_at_the_bumper_is_too_near() -> None:
     with BulletWorld(scene([(0.0, 0.0, 0.0)], [(0.08, 0.0, math.pi)])) as world:
-        ranges, bodies = sensors(world).scan_and_bodies([0], ANY)
+        lidars = sensors(world)
+        ranges, bodies = lidars.scan([0], ANY), lidars.newest.bodies
     assert ranges[0, 0] == TOO_NEAR_M
     assert bodies[0, 0] == 1
     assert ranges[0, 180] > 2.5

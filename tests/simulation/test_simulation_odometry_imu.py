@@ -63,9 +63,10 @@ def test_wheels_and_tracks_differ_from_robot_to_robot_as_set() -> None:
     assert turned.std() == pytest.approx(math.hypot(0.01 / math.sqrt(2.0), 0.02), rel=0.05)
 
 
-def test_the_imu_follows_the_facts() -> None:
-    settings = ImuSettings(gyro_bias_radps=0.1, gyro_bias_stddev_radps=1e-3)
-    sensors = ImuSensors(settings, [stream(number, "imu") for number in range(200)])
+def test_the_imu_follows_the_facts(monkeypatch) -> None:
+    monkeypatch.setattr("midnet_bench.simulation.sensors.GYRO_BIAS_RADPS", 0.1)
+    monkeypatch.setattr("midnet_bench.simulation.sensors.GYRO_BIAS_STDDEV_RADPS", 1e-3)
+    sensors = ImuSensors(ImuSettings(), [stream(number, "imu") for number in range(200)])
     still = np.zeros((200, 3)), np.zeros((200, 2))
     readings = np.array([sensors.read(np.arange(200), *still, 0.1).copy() for _ in range(100)])
     yaw, rate = readings.T

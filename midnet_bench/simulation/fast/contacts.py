@@ -63,7 +63,6 @@ class Scene(NamedTuple):
     separation_m: float  # of the wheels
     wheel_m: float  # radius
     most_m: float  # how far any point of a body may come in a tick
-    rounds: int  # of the solver, at most
     reach_m: float  # of the hull from the base frame
     gyration2_m2: float  # inertia over mass
 

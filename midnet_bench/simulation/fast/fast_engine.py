@@ -11,7 +11,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
 from midnet_bench.geometry import Booleans, Command, Floats, Indices, Solid
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.engine import Beams
+from midnet_bench.simulation.engine import SOLVER_ITERATIONS, Beams
 from midnet_bench.simulation.fast import contacts
 from midnet_bench.simulation.fast.contacts import GAP, NORMAL, NORMAL_X, NORMAL_Y, TANGENTIAL, Scene
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of, side_grid
@@ -42,7 +42,7 @@ _PUSHED = 1.25  # How much faster than by its own wheels a body may be moved.
 class FastEngine:
     """The :class:`~midnet_bench.simulation.engine.Engine` without PyBullet: planar bodies without wheels."""
 
-    def __init__(self, layout: Layout, robot: RobotModel, step_hz: int, solver_iterations: int) -> None:
+    def __init__(self, layout: Layout, robot: RobotModel, step_hz: int) -> None:
         self._robot = robot
         starts = layout.robots + layout.intruders
         count, step_s, reach_m = len(starts), 1.0 / step_hz, robot.body_reach_m
@@ -63,7 +63,6 @@ class FastEngine:
                 separation_m=robot.wheel_separation_m,
                 wheel_m=robot.wheel_radius_m,
                 most_m=most_m,
-                rounds=solver_iterations,
                 reach_m=reach_m,
                 gyration2_m2=robot.gyration_radius_m * robot.gyration_radius_m,
             )
@@ -133,7 +132,12 @@ def step_world(states: Floats, present: Booleans, solids: Floats, parts: Parts) 
         if present[i]:
             poses[i] += moves[i] * scene.step_s
     if count > 0:
-        _part(poses, before, present, scene, label, moves, held)
+        is_bad = _part(poses, before, present, scene, label)
+        for i in range(n):
+            # such an island does not move in this tick: whatever a jam comes to, nothing gets deeper
+            if is_bad[label[i]]:
+                held[i] = True
+                poses[i], moves[i] = before[i], 0.0
     for i in range(n):
         if present[i]:
             _note_velocity(states[i], moves[i], held[i])
@@ -184,7 +188,7 @@ def _hold(count: int, states: Floats, scene: Scene, label: Indices, moves: Float
     for island in range(n):
         if not is_hindered[island] or label[island] != island:
             continue
-        for _ in range(scene.rounds):
+        for _ in range(SOLVER_ITERATIONS):
             change = 0.0
             for i in range(island, n):
                 if label[i] == island:
@@ -228,19 +232,10 @@ def _grip(state: Floats, scene: Scene, heading: Floats, grip: Floats, move: Floa
 
 
 @njit
-def _part(
-    poses: Floats,
-    before: Floats,
-    present: Booleans,
-    scene: Scene,
-    label: Indices,
-    moves: Floats,
-    held: Booleans,
-) -> None:
+def _part(poses: Floats, before: Floats, present: Booleans, scene: Scene, label: Indices) -> Booleans:
     """Parts moved bodies that overlap, as turning may make them, and checks what came of it.
 
-    An island of which a body would stand in something, and did not before, does not move in this tick. So
-    whatever the solver makes of a jam, nothing gets deeper than the check allows.
+    (n,) by their least body the islands of which a body would stand in something and did not before.
     """
     n = len(poses)
     for _ in range(_PARTINGS):
@@ -251,10 +246,7 @@ def _part(
     for i in range(n):
         if present[i] and contacts.penetrates(i, poses, present, _OVERLAP_M, scene):
             is_bad[label[i]] |= not contacts.penetrates(i, before, present, _OVERLAP_M, scene)
-    for i in range(n):
-        if is_bad[label[i]]:
-            held[i] = True
-            poses[i], moves[i] = before[i], 0.0
+    return is_bad
 
 
 @njit
