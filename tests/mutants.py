@@ -78,7 +78,7 @@ MUTANTS = [
     ),
     Mutant(
         "a message that was overtaken replaces the newer one",
-        "experiments/guarded/network.py",
+        "experiments/guarded/guarded_arena.py",
         "(newest is None or message.stamp_s > newest.stamp_s)",
         "True",
         "experiments/test_experiments_network.py::test_an_overtaken_message_is_not_gone_back_to",

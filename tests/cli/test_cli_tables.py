@@ -14,7 +14,7 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table, rounded, signed
 from midnet_bench.cli.messages import MOST_COLUMNS, drawn
-from midnet_bench.experiments.detection.headline import headline
+from midnet_bench.experiments.detection.conclusions import headline
 from midnet_bench.workflows.report import REFERENCE
 from tests.cli.command import REPOSITORY, midnet_bench, worked
 from tests.stores import detection_store, labyrinth_store

@@ -10,7 +10,7 @@ from matplotlib.container import ErrorbarContainer
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate, mean
 from midnet_bench.drawing.charts import Panel, axis_label, panel_figure
-from midnet_bench.experiments.detection.figures import figures
+from midnet_bench.experiments.figures import detection_figures as figures
 from midnet_bench.experiments.registry import tables_of
 from tests.stores import detection_store
 

@@ -9,7 +9,7 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.experiments.detection.claims import claims
+from midnet_bench.experiments.detection.conclusions import claims
 from midnet_bench.experiments.detection.tables import PAPER, Team, tables, window_notes
 from tests.stores import detection_store
 

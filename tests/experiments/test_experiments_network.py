@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.experiments.guarded.network import LossyNetwork, Message
+from midnet_bench.experiments.guarded.guarded_arena import LossyNetwork, Message
 from midnet_bench.rng import stream
 from midnet_bench.simulation.world_settings import NetworkSettings
 

@@ -6,10 +6,9 @@ from midnet_bench.drawing.scene import Scene
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
-from midnet_bench.experiments.labyrinth.demo import demo
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.experiments.scenes import labyrinth_demo, scene_of, setup_of
 from midnet_bench.settings import Scalar
 
 
@@ -51,7 +50,7 @@ def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None
 
 def labyrinth(seed: int, **values: Scalar) -> list[Scene]:
     given: dict[str, Scalar] = {"robots": 2, "intruders": 2, "engine": "fast", **values}
-    with demo(LabyrinthParameters.parse(given, "test"), seed) as drawn:
+    with labyrinth_demo(LabyrinthParameters.parse(given, "test"), seed) as drawn:
         return list(drawn.scenes)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
-from midnet_bench.experiments.guarded import sharing
+from midnet_bench.experiments.guarded import parameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.registry import run_trials
 from midnet_bench.plugins import PluginError
@@ -145,7 +145,7 @@ def test_options_that_may_change_something_do_not(
 def test_a_threshold_stands_for_the_least_cost_from_there_on() -> None:
     """Cells 5 cm apart cost 100, 99 up to 0.105 m from an obstacle, then 91 at 0.112 m, then 82 at 0.12 m."""
     found = [
-        sharing.result_key(LabyrinthParameters.of(thresh_local=thresh)).midnet.thresh_local
+        parameters.result_key(LabyrinthParameters.of(thresh_local=thresh)).midnet.thresh_local
         for thresh in (100, 99, 98, 92, 91, 90, 83)
     ]
     assert found == [100, 99, 99, 99, 91, 91, 91]

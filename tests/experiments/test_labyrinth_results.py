@@ -14,15 +14,17 @@ import pytest
 from midnet_bench.analysis.frames import Results, load_results, records
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.drawing.charts import DODGE
-from midnet_bench.experiments.labyrinth.figures import details_figure, figures, success_figure
+from midnet_bench.experiments.figures import details_figure, labyrinth_figures, success_figure
 from midnet_bench.experiments.labyrinth.tables import (
+    Variant,
     cells_table,
     health_table,
+    pooled_time,
     speed_table,
     success_table,
     tables,
+    variants_of,
 )
-from midnet_bench.experiments.labyrinth.trials import Variant, pooled_time, variants_of
 from midnet_bench.workflows.report import write_report
 from tests.stores import Caught, labyrinth_store
 
@@ -190,7 +192,7 @@ def test_a_second_factor_makes_variants_with_a_line_each(tmp_path: Path) -> None
     assert list(variants) == ["capture=within", "capture=detected"]
     names = [row["variant"] for row in success_table(variants).rows]
     assert names == ["capture=within"] * 3 + ["capture=detected"] * 3
-    drawn = figures(found)
+    drawn = labyrinth_figures(found)
     panels = drawn["success_rate"].axes
     assert [axes.get_title() for axes in panels] == ["1 intruder", "2 intruders"]
     assert all([one.get_label() for one in axes.containers] == list(variants) for axes in panels)
@@ -199,7 +201,7 @@ def test_a_second_factor_makes_variants_with_a_line_each(tmp_path: Path) -> None
 
 def test_a_campaign_without_finished_trials_has_no_report_yet(tmp_path: Path) -> None:
     found = made(tmp_path, alternating, seeds=0)
-    assert (tables(found), figures(found), found.finished) == ([], {}, 0)
+    assert (tables(found), labyrinth_figures(found), found.finished) == ([], {}, 0)
 
 
 @pytest.mark.slow
@@ -207,7 +209,7 @@ def test_few_trials_give_a_figure_without_intervals_they_do_not_have(tmp_path: P
     for seeds in (2, 3):
         found = made(tmp_path / str(seeds), alternating, seeds=seeds)
         assert ("[" in success_table(variants_of(found)).cells()[0][1]) == (seeds > 2)
-        assert figures(found)["labyrinth_details"].axes
+        assert labyrinth_figures(found)["labyrinth_details"].axes
 
 
 def test_the_figure_has_a_panel_for_each_number_of_intruders(full: Variant) -> None:

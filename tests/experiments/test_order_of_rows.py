@@ -11,7 +11,7 @@ from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.experiments.detection import tables as detection
 from midnet_bench.experiments.labyrinth import tables as labyrinth
-from midnet_bench.experiments.labyrinth.trials import Variant, variants_of
+from midnet_bench.experiments.labyrinth.tables import Variant, variants_of
 from midnet_bench.experiments.mapping import tables as mapping
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from midnet_bench.experiments.guarded import sharing
+from midnet_bench.experiments.guarded import parameters as guarded
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.scoring.frame_counts import InRange, TruePositives
 from midnet_bench.settings import option
@@ -71,11 +71,11 @@ class DetectionParameters(GuardParameters):
 def simulation_key(parameters: DetectionParameters) -> DetectionParameters:
     """What the world moves by: the parameters without those of detector, fusion and scoring."""
     scoring = ("in_range", "require_line_of_sight", "tp_boxes", "truth_box", "metrics")
-    return sharing.simulation_key(parameters, scoring)
+    return guarded.simulation_key(parameters, scoring)
 
 
 def result_key(parameters: DetectionParameters) -> DetectionParameters:
-    """What a trial's numbers depend on; see :func:`sharing.result_key`."""
+    """What a trial's numbers depend on; see :func:`parameters.result_key`."""
     # an inflated true box reaches as far as the threshold has it, whatever cells there are
     is_inflated = parameters.truth_box == "inflated"
-    return sharing.result_key(parameters, is_inflated, require_line_of_sight=not parameters.counts_hidden)
+    return guarded.result_key(parameters, is_inflated, require_line_of_sight=not parameters.counts_hidden)

@@ -21,8 +21,7 @@ from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, distance, exact_sum
 from midnet_bench.analysis.tables import Cell, Table, team_in_words
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.experiments.detection.error_tables import error_tables
-from midnet_bench.experiments.guarded.metric_tables import METRICS, metric_measures, metric_tables
+from midnet_bench.experiments.guarded.tables import METRICS, error_tables, metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
 

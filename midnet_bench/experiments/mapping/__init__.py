@@ -13,5 +13,5 @@ MAPPING = Experiment(
     columns=columns.MAPPING,
     tables=later("midnet_bench.experiments.mapping.tables:tables"),
     printed=("mapping", "mapping_walls", "mapping_speedup", "mapping_choice"),
-    figures=later("midnet_bench.experiments.mapping.figures:figures"),
+    figures=later("midnet_bench.experiments.figures:mapping_figures"),
 )

@@ -1,4 +1,4 @@
-"""Tables of recorded errors: how often each cause is, and whether errors go when it is taken away."""
+"""Tables that guarded trials share: further metrics, and recorded errors with their causes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -6,12 +6,14 @@ from typing import NamedTuple
 import pandas as pd
 
 from midnet_bench.analysis import statistics
+from midnet_bench.analysis.compare import MEASURE, label, series
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.geometry import Box
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import touches
 
+METRICS = "metrics"  # the table of trials that take some
 KINDS = {"miss": MISS_CAUSES, "false": FALSE_CAUSES, "fragment": FALSE_CAUSES}
 ORACLE, NONE, ALL = "oracle", "none", "all errors"
 REMOVED_BY = {
@@ -28,6 +30,31 @@ REMOVED_BY = {
     "fusion": ("merged", "dropped_by_fusion", "fragment"),
 }
 """oracle -> the causes that it takes away"""
+
+
+def metric_measures(results: Results) -> pd.DataFrame:
+    """Each metric of each trial, a frame of scores in the campaign's order; empty without metrics."""
+    frame = results.tables.get(METRICS)
+    if frame is None or frame.empty:
+        return pd.DataFrame()
+    frame = frame.assign(robots=results.column(frame, "robots")).rename(columns={"metric": MEASURE})
+    return frame[[*dict.fromkeys([*results.factors, "robots"]), "seed", MEASURE, "value"]]
+
+
+def metric_tables(results: Results) -> list[Table]:
+    """A row for each metric of each cell: the mean over seeds and its interval; no table without metrics."""
+    frame = metric_measures(results)
+    names = [str(name) for name in frame if name not in (MEASURE, "seed", "value")]
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "trial": label(names, key[:-1]),
+            "metric": str(key[-1]),
+            "value": statistics.mean([*values.values()]),
+        }
+        for key, values in (series(frame, [*names, MEASURE]) if names else {}).items()
+    ]
+    title = f"Further metrics ({statistics.MEAN_METHOD}, over seeds)"
+    return [Table("metrics_summary", title, rows)] if rows else []
 
 
 def error_tables(results: Results) -> list[Table]:
