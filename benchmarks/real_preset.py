@@ -30,8 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from midnet_bench.recording.recording_settings import PRESETS
-from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.recording.setup import PRESETS, RecordingSetup
 from midnet_bench.workflows.replay import Replayed, replay
 
 THRESHOLDS = (20, 30, 40, 50, 60, 70)

@@ -13,6 +13,7 @@ from midnet_bench.cli.messages import show
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
+    from midnet_bench.io.scan_logs import ScanLog
     from midnet_bench.workflows.maps import MadeMap
 
 PARTICLES, SEED = 30, 1
@@ -115,9 +116,8 @@ def _map_log(
     path: Path, slam: str | None, particles: int | None, output: Path, how: dict[str, Any]
 ) -> "MadeMap":
     from midnet_bench.cli.progress import meter
-    from midnet_bench.workflows.read_log import read_log
 
-    log = read_log(path, messages.note)  # a bad one ends it before what is slow
+    log = _read_log(path)  # a bad one ends it before what is slow
     from midnet_bench.mapping.graph_slam import FEWEST_BEAMS
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log
@@ -136,6 +136,19 @@ def _map_log(
             progress=lambda done, scans: bar.show(done, scans, f"scan {done} of {scans}"),
             **how,
         )
+
+
+def _read_log(path: Path) -> "ScanLog":
+    """A CARMEN log, a table of scans, or any recording of ``replay``. Raises InputError: it is none."""
+    from midnet_bench.recording.files.bags import is_bag
+
+    if path.suffix == ".csv" or path.is_dir() or (path.exists() and is_bag(path)):
+        from midnet_bench.recording.inputs import scan_log_of  # which takes a compiler
+
+        return scan_log_of(path, messages.note)
+    from midnet_bench.io.scan_logs import read_scan_log
+
+    return read_scan_log(path)
 
 
 def _explore(values: "dict[str, Any]", output: Path, how: dict[str, Any]) -> "MadeMap":

@@ -163,8 +163,7 @@ def node(
     from midnet_bench.io.map_server import load_map
     from midnet_bench.recording import ros_node
     from midnet_bench.recording.live import LiveOptions
-    from midnet_bench.recording.recording_settings import ReplaySettings
-    from midnet_bench.recording.setup import RecordingSetup, by_name, mount_of
+    from midnet_bench.recording.setup import RecordingSetup, ReplaySettings, by_name, mount_of
 
     values = parse_settings(settings or [], None)
     ReplaySettings.from_flat(values)  # wrong options end the command before it waits for a map

@@ -1,4 +1,4 @@
-"""Inputs of ``replay``: recordings opened, robots, map and labels found by a setup."""
+"""Inputs of ``replay``: recordings opened, robots, map and labels found by a setup; scans alone for SLAM."""
 
 import itertools
 import json
@@ -15,18 +15,18 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
+from midnet_bench.io.scan_logs import LoggedScan, ScanLog
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
 from midnet_bench.recording.files.survey import Survey, listing
 from midnet_bench.recording.files.tables import read_text
-from midnet_bench.recording.fitting.localize import Localizer
+from midnet_bench.recording.fitting.fit import Localizer
 from midnet_bench.recording.fitting.setup_check import placed
 from midnet_bench.recording.plan import AllyPlan, Recorded, RobotPlan, followed_topic, robots_of
 from midnet_bench.recording.ray_counts import RayCounts
-from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
-from midnet_bench.recording.setup import EVERY, RecordingSetup, number_of
+from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup, ReplaySettings, number_of
 from midnet_bench.recording.truth import LabelTable, Truth
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.settings import Scalar
@@ -333,3 +333,38 @@ def _background(
         f"scans, occupied from {setup.hit_threshold:g} of the beams on"
     )
     return grid, until_ns
+
+
+def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
+    """The scans of a recording's robot, each with its pose by the wheels, or by tf as far up as it goes.
+
+    Ranges without a return are the sensor's largest, NaN says nothing. ``note`` gets remarks on the file.
+
+    Raises:
+        InputError: the file is no recording, has several robots or lasers, no pose, or scans of several
+            LiDARs.
+    """
+    setup = RecordingSetup().changed({"start": {EVERY: FOUND}, "map": None})
+    with opened([path]) as sources:
+        recorded = Recorded.of(sources, setup)
+        for remark in (*sources[0].remarks, *recorded.surveys[0].remarks):
+            note(remark)
+        robots = robots_of(recorded, setup)
+        if len(robots) > 1:
+            names = ", ".join(robot.name for robot in robots)[:100]
+            raise InputError(f"{path}: has {len(robots)} lasers ({names}); SLAM takes a recording of one")
+        note(f"{path}: scans {robots[0].topic}, poses {robots[0].pose.in_words}")
+        nothing = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
+        frames = Replay(recorded, robots, nothing, {}, setup).frames()
+        scans = [(one.scan, one.estimate.pose) for frame in frames for one in frame.observed if one.scan]
+    if not scans:
+        raise InputError(f"{path}: no scan of it has a pose; give a recording with odometry")
+    lidar = scans[0][0].lidar
+    logged = []
+    for scan, pose in scans:
+        if scan.lidar.beams != lidar.beams:
+            beams = f"{lidar.beams} and of {scan.lidar.beams} beams"
+            raise InputError(f"{path}: scans of {beams}; SLAM takes one laser")
+        ranges_m = np.where(np.isinf(scan.ranges_m), lidar.range_max_m, scan.ranges_m)
+        logged.append(LoggedScan(scan.stamp_s, pose, ranges_m))
+    return ScanLog(path, lidar, logged)

@@ -21,11 +21,13 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.plugins import PluginError
 from midnet_bench.recording.files.bags import in_words
-from midnet_bench.recording.files.no_return import CODES, Meaning, NoReturn
 from midnet_bench.recording.files.readings import (
+    CODES,
     NO_MOTION,
     NS,
     GridReading,
+    Meaning,
+    NoReturn,
     PoseReading,
     ScanReading,
     Transform,

@@ -11,8 +11,16 @@ from typing import NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import LidarGeometry, Pose2D
-from midnet_bench.recording.files.no_return import NoReturn, found_in
-from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Source
+from midnet_bench.recording.files.readings import (
+    NO_MOTION,
+    NS,
+    POSE,
+    SCAN,
+    NoReturn,
+    PoseReading,
+    Source,
+    found_in,
+)
 from midnet_bench.recording.files.survey import EVER_NS, Stream, Survey, survey
 from midnet_bench.recording.setup import RecordingSetup, mount_of
 

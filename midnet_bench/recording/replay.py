@@ -21,11 +21,10 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
 from midnet_bench.recording.files.readings import NS, ExactReading, PoseReading, Reading, ScanReading
 from midnet_bench.recording.files.survey import EVER_NS
-from midnet_bench.recording.fitting.localize import Localizer
+from midnet_bench.recording.fitting.fit import Localizer
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, Recorded, RobotPlan, geometry_of
 from midnet_bench.recording.poses import InterpolatedPose, PoseInterpolator, PoseTrack, stamp_ns
-from midnet_bench.recording.recording_settings import ReplaySettings
-from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.recording.setup import RecordingSetup, ReplaySettings
 
 PATIENCE_NS = NS  # a scan waits so long for the pose after it
 HOLD_NS = NS // 3

@@ -1,18 +1,32 @@
-"""Which labels of a frame count, and the counts of a recording."""
+"""Counts of a recording, and the causes of its errors.
+
+A recording has no truth as a simulation has. So causes are what the data itself shows: where the returns
+near a label ended, and what is in a box.
+"""
 
 import math
-from collections.abc import Iterable, Sequence
+import pickle
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import IO, NamedTuple
+from statistics import median_high
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.campaign.trial import Scalar
+from midnet_bench.detectors.detector_node import WallEvidence
 from midnet_bench.detectors.tracking import Events
-from midnet_bench.geometry import Box, Scan, wrap_angle
-from midnet_bench.recording.causes import Explainer
+from midnet_bench.geometry import Box, Floats, Pose2D, Scan, wrap_angle
+from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, cells_to_unset, values_at
+from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
+from midnet_bench.midnet.detection import bounding_boxes
+from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.ray_counts import RayCounts, dilated
 from midnet_bench.recording.replay import Replay, ReplayFrame, RobotObservation
 from midnet_bench.recording.truth import Label, Labels, matched
+from midnet_bench.scoring.error_causes import RECORDED_MISSES
 from midnet_bench.scoring.frame_counts import (
     NOTHING,
     FrameCounts,
@@ -25,6 +39,13 @@ from midnet_bench.scoring.frame_counts import (
 
 OFF_WALLS_CELLS = 1.5  # a return this far from a mapped wall is none of its
 FULL_CIRCLE_RAD = math.tau - 1e-6
+NEAR_M = 0.35  # how far a declared ally or a displaced box may lie from where its pose is
+WALL_M = 0.15
+"""beyond the cells that the prior map's walls were grown by, a return this far off a wall may still be its"""
+WALL_STAYS_M = 0.25  # up to here from a mapped wall, what stays put is the wall's own
+BESIDE_A_LABEL = ("displaced", "fragment")
+MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
+"""causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
 
 
 @dataclass
@@ -216,3 +237,246 @@ def _polar(scan: Scan, x: float, y: float) -> tuple[float, float]:
     """Distance and bearing of a place from a scan's sensor, map frame."""
     sensor = scan.pose.compose(scan.lidar.mount)
     return math.hypot(x - sensor.x, y - sensor.y), math.atan2(y - sensor.y, x - sensor.x)
+
+
+class ErrorRow(NamedTuple):
+    """One error of a frame."""
+
+    frame: int
+    time_s: float
+    kind: str  # miss, false, fragment; box in a frame without labels
+    cause: str
+    name: str  # of the label, if it has to do with one
+    x: float  # map frame, metres: of the label, or the middle of the box
+    y: float
+    width_m: float
+    height_m: float
+    returns: int  # near the label or in the box, of the last scans
+    age_s: float  # of the newest return there, of a ghost; of the ally's pose; 0 otherwise
+    offset_m: float  # to the nearest mapped wall, of a box; to the nearest box, of a miss
+
+
+class Surroundings(NamedTuple):
+    """What a map has about n points."""
+
+    wall_m: Floats  # (n,) metres to the nearest mapped wall; inf off the map
+    unknown: npt.NDArray[np.bool_]  # (n,) whether the map knows nothing there, or ends before
+
+
+class Explainer:
+    """Finds the causes of errors, scan by scan, and keeps them until the whole recording is known."""
+
+    def __init__(self, preset: str, replay: Replay, counts: RayCounts, kept: IO[bytes]) -> None:
+        """Of the detector of one of a replay's presets, by ray counts that may serve several.
+
+        ``kept``: an empty file, where rows wait for the causes that the end of the recording decides.
+        """
+        self._preset, self._node, self._settings = preset, replay.nodes[preset], replay.settings[preset]
+        self._map = prior_map = replay.prior_map
+        self.counts, self._kept, self._near_m = counts, kept, replay.setup.match_distance_m
+        solid = (prior_map.data == 100).astype(np.uint8)
+        self._wall_m = np.full(solid.shape, math.inf)
+        if solid.any():
+            self._wall_m = cells_to_unset(1 - solid).astype(np.float64) * prior_map.resolution
+        self._matcher: ScanToMap | None = None
+        self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
+        """robot -> its last scan that was matched to the map, and the pose that came of it"""
+        self._label_ways: dict[str, tuple[list[float], list[float]]] = {}
+        """label -> lowest and highest x, y that it was at"""
+
+    def surroundings(self, points: Floats) -> Surroundings:
+        """What the map has about each of (n, 2) points, map frame."""
+        wall_m = values_at(self._wall_m, self._map, points, math.inf)
+        return Surroundings(wall_m, values_at(self._map.data, self._map, points, UNKNOWN) < 0)
+
+    def misses(self, frame: ReplayFrame, missed: Sequence[Label]) -> None:
+        """Add a row for each missed label."""
+        made = frame.outputs[self._preset]
+        view = self._node.midnet.update(made.observations, explain=True, allies=frame.fresh_allies)
+        for label in missed:
+            cause, returns = self._miss_stage(frame, label, view)
+            apart_m = [box.distance_to_point(label.x, label.y) for box in made.frame.detections]
+            self._keep(frame, "miss", cause, *label, 0.0, 0.0, returns, 0.0, min(apart_m, default=math.inf))
+
+    def _miss_stage(self, frame: ReplayFrame, label: Label, view: Frame) -> tuple[str, int]:
+        """The last stage that returns near a label reached with any robot, and their number."""
+        assert view.explanation is not None
+        every = sum(len(self._points_near(one.returns, label)) for one in frame.observed)
+        if self._boxes_near(frame.outputs[self._preset].frame.detections, label):
+            return "merged", every
+        if self._settings.detector != "midnet":  # its stages are not known
+            return "not_detected", every
+        stages, total = ["beyond_range"], 0
+        for one, robot in zip(frame.observed, view.explanation.views, strict=True):
+            if one.scan is not None:
+                points = self._points_near(one.returns, label)
+                free = points[self.surroundings(points).wall_m > self.counts.resolution_m]
+                points = free if len(free) else points
+                total += len(points)
+                stages.append(self._stage(one.robot, one.scan, points, robot, label))
+        return max(stages, key=list(RECORDED_MISSES).index), total
+
+    def _boxes_near(self, boxes: Sequence[Box], label: Label) -> list[Box]:
+        return [box for box in boxes if box.distance_to_point(label.x, label.y) <= self._near_m]
+
+    def _points_near(self, points: Floats, label: Label) -> Floats:
+        return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= self._near_m])
+
+    def _stage(self, robot: int, scan: Scan, points: Floats, view: RobotView, label: Label) -> str:
+        """The stage at which one robot loses the (n, 2) returns near a label, map frame."""
+        settings, midnet, prior = self._settings, self._settings.midnet, self._node.prior
+        sensor = scan.pose.compose(scan.lidar.mount)
+        apart = np.hypot(points[:, 0] - sensor.x, points[:, 1] - sensor.y)
+        points = points[apart <= settings.range_m]
+        if not len(points):
+            return "beyond_range"
+        costmap = self._node.costmaps[robot]
+        side_m, (x0, y0) = costmap.settings.size_m, costmap.origin
+        points = points[(points >= (x0, y0)).all(axis=1) & (points < (x0 + side_m, y0 + side_m)).all(axis=1)]
+        if not len(points):
+            return "outside_window"
+        values = values_at(prior.data.astype(np.int16), prior, points, -1)
+        points_on, values_on = points[values >= 0], values[values >= 0]
+        if not len(points_on):
+            return "outside_prior"
+        about = self.surroundings(points_on)
+        if not _is_left(view.d, points_on, math.ceil(settings.local_reach_m / prior.resolution)):
+            is_unknown = settings.prior.unknown == "occupied" and about.unknown.mean() > 0.5
+            return "unknown_cells" if is_unknown else "under_prior"
+        if self._boxes_near(view.kept, label):
+            return "dropped_by_fusion"
+        if self._boxes_near(view.found, label):
+            return "taken_for_ally"
+        corner = [round((view.d.origin[k] - prior.origin[k]) / prior.resolution) for k in (0, 1)]
+        contours = bounding_boxes(view.d.data, (corner[0], corner[1]), prior).tolist()
+        grown = self._boxes_near([Box._make(box) for box in contours], label)
+        if not grown:
+            return "displaced"
+        free = int(np.count_nonzero(values_on))
+        if settings.return_area_m2 and middle(about.wall_m) <= WallEvidence.WALL_M:
+            free = 0  # so near to a wall returns count in part
+        if midnet.min_returns and free < midnet.min_returns <= len(points):
+            return "under_prior"  # which leaves a rim of what was inflated, without its returns
+        # at most so many cells has the blob in a box
+        sides = [(box.x_max - box.x_min, box.y_max - box.y_min) for box in grown]
+        largest = max(round(x / prior.resolution) * round(y / prior.resolution) for x, y in sides)
+        is_small = largest < midnet.min_area_cells or not midnet.min_returns
+        return "too_small" if is_small else "too_few_returns"
+
+    def boxes(self, frame: ReplayFrame, wrong: Mapping[int, Sequence[int]], labels: Labels | None) -> None:
+        """Add a row for each box that is no label's own: by index, and the labels that it touches."""
+        for label in labels.there if labels else ():
+            low, high = self._label_ways.setdefault(label.name, ([math.inf] * 2, [-math.inf] * 2))
+            for axis, at in enumerate((label.x, label.y)):
+                low[axis], high[axis] = min(low[axis], at), max(high[axis], at)
+        for index, touched in wrong.items():
+            box = frame.outputs[self._preset].frame.detections[index]
+            returns = np.concatenate([self._in_box(box, one.returns) for one in frame.observed])
+            about = self.surroundings(returns)
+            if labels is not None and touched:
+                kind, cause, age_s, name = "fragment", "fragment", 0.0, labels.there[touched[0]].name
+            else:
+                kind = "box" if labels is None else "false"
+                cause, age_s, name = self._false_positive_source(frame, box, about, labels)
+            size = box.x_max - box.x_min, box.y_max - box.y_min
+            inside = returns if cause in MAY_STAY and len(returns) else None
+            cells = (kind, cause, name, *box.center, *size, len(returns), age_s, middle(about.wall_m))
+            self._keep(frame, *cells, inside=inside)
+
+    def _false_positive_source(
+        self, frame: ReplayFrame, box: Box, about: Surroundings, labels: Labels | None
+    ) -> tuple[str, float, str]:
+        """Cause, age in seconds, and the name of its label, ally or robot."""
+        there, gaps = labels or ((), ())
+        for label in gaps:
+            if box.distance_to_point(label.x, label.y) <= self._near_m:
+                return "label_gap", 0.0, label.name
+        for plan, estimate in frame.allies:
+            if estimate is None:
+                continue
+            late = estimate.pose not in [ally.pose for ally in frame.fresh_allies]
+            reach_m = plan.diameter_m / 2.0 + NEAR_M + min(estimate.age_s, 2.0) * late
+            if box.distance_to_point(estimate.pose.x, estimate.pose.y) <= reach_m:
+                return ("ally_late" if late else "ally_left"), estimate.age_s, plan.name
+        is_team = len({one.carrier for one in frame.observed}) > 1
+        for one in frame.observed:
+            if is_team and box.distance_to_point(*one.estimate.pose[:2]) <= NEAR_M:
+                return "ally_left", one.estimate.age_s, f"robot {one.carrier + 1}"
+        for label in there:
+            if box.distance_to_point(label.x, label.y) <= self._near_m + NEAR_M:
+                return "displaced", 0.0, label.name
+        if not len(about.wall_m):
+            newest_s = self.counts.newest_hit_s((box.x_min, box.y_min), (box.x_max, box.y_max))
+            return "ghost", max(frame.time_ns / NS - newest_s, 0.0), ""
+        if len(about.wall_m) == 1:
+            return "single_return", 0.0, ""
+        if np.count_nonzero(about.unknown) > 0.5 * len(about.unknown):
+            return "unknown_cells", 0.0, ""
+        settings = self._settings
+        near_m = WallEvidence.WALL_M if settings.return_area_m2 else settings.prior_reach_m + WALL_M
+        if middle(about.wall_m) <= near_m:
+            return ("pose_error" if self._better_pose_corrects(frame, box) else "near_wall"), 0.0, ""
+        return "unlabelled", 0.0, ""
+
+    def _in_box(self, box: Box, points: Floats) -> Floats:
+        """Those of (n, 2) points, map frame, that lie in a box or a cell beside it."""
+        grown = box.shrunk(-self._map.resolution)
+        return np.asarray(points[((points >= grown[:2]) & (points <= grown[2:])).all(axis=1)])
+
+    def _better_pose_corrects(self, frame: ReplayFrame, box: Box) -> bool:
+        """Whether a match of the scan to the map puts the box's returns back onto walls."""
+        grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
+        for one in frame.observed:
+            points = self._in_box(box, one.returns)
+            pose = self._matched_pose(one.robot, one.scan) if one.scan is not None and len(points) else None
+            if one.scan is None or pose is None:
+                continue
+            shifted = pose.transform(one.scan.pose.inverse().transform(points))
+            if np.median(self.surroundings(shifted).wall_m) <= max(grown_m, self._map.resolution):
+                return True
+        return False
+
+    def _matched_pose(self, robot: int, scan: Scan) -> Pose2D | None:
+        """The pose by which a robot's scan lies best on the map; None if the scan cannot be matched."""
+        self._matcher = self._matcher or ScanToMap(self._map, MIN_SHARE_RECORDED)
+        if robot not in self._matched or self._matched[robot][0] is not scan:
+            found = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
+            self._matched[robot] = scan, None if found is None else found[0]
+        return self._matched[robot][1]
+
+    def _keep(self, frame: ReplayFrame, *cells: Any, inside: Floats | None = None) -> None:
+        """Keep a row, its cells from the kind on; ``inside``: returns in a box that may stay put."""
+        pickle.dump(((frame.number, frame.time_ns / NS, *cells), inside), self._kept)
+
+    def settled(self) -> Iterator[ErrorRow]:
+        """All rows in order, ``unmapped`` where the whole recording shows that what is there stays put."""
+        counts = self.counts
+        near = dilated(counts.stays())  # the cells beside them, too
+        grid = OccupancyGrid(near.astype(np.int8), counts.resolution_m, counts.origin)
+        end = self._kept.tell()
+        self._kept.seek(0)
+        while self._kept.tell() < end:
+            cells, points = pickle.load(self._kept)
+            row = ErrorRow(*cells)
+            if points is not None and row.offset_m > WALL_STAYS_M:
+                # what is beside a labelled object that was in one place at all its errors is the object's
+                is_beside = row.cause in BESIDE_A_LABEL
+                is_known = is_beside and math.dist(*self._label_ways[row.name]) <= NEAR_M
+                points_stay = values_at(grid.data, grid, points, -1)
+                points_stay = points_stay[points_stay >= 0]
+                if not is_known and len(points_stay) and points_stay.mean() > 0.5:
+                    row = row._replace(cause="unmapped")
+            yield row
+
+
+def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
+    """Whether a cell within ``reach`` cells of a point is left in grid D."""
+    return any(
+        d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1].any()
+        for column, row in cells_of(d, points).tolist()
+    )
+
+
+def middle(values: Floats) -> float:
+    """The median, of an even number the higher one of the middle; inf of none."""
+    return median_high(values.tolist()) if len(values) else math.inf

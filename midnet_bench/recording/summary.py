@@ -16,10 +16,9 @@ from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
-from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.scores import Score
-from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.recording.setup import RecordingSetup, ReplaySettings
 from midnet_bench.recording.truth import Truth
 from midnet_bench.scoring.error_causes import MISS, RECORDED_BOXES, RECORDED_MISSES
 

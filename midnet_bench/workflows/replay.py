@@ -17,15 +17,13 @@ from midnet_bench.geometry import Scan
 from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.recording import summary
-from midnet_bench.recording.causes import ErrorRow
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.setup_check import Proposal, find_setup, line_of, start_of
 from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
 from midnet_bench.recording.ray_counts import RayCounts, Unmapped, unmapped
 from midnet_bench.recording.replay import ReplayFrame
-from midnet_bench.recording.replay_bag import check_place, replay_bag
-from midnet_bench.recording.scores import Scorer
+from midnet_bench.recording.scores import ErrorRow, Scorer
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 
 SETUP_FILE = "setup.yaml"
@@ -65,6 +63,8 @@ def replay(
         InputError: the recordings, the map or a key of the setup cannot be used.
     """
     if bag is not None:
+        from midnet_bench.workflows.replay_output import check_place  # drawing takes a while to import
+
         check_place(bag, [*files, Path(setup.background or files[0])])
     with prepared(files, setup, note) as inputs, ExitStack() as stack:
         run = _Run(inputs, _folder(inputs, output), stack)
@@ -114,11 +114,13 @@ class _Run:
         with _boxes_file(self.folder) as write_boxes, ExitStack() as stack:
             draw, as_bag = None, None
             if film:
-                from midnet_bench.workflows import replay_film  # drawing takes a while to import
+                from midnet_bench.workflows import replay_output
 
-                drawn = replay_film.film(first, self.played, self.inputs, self.labels.objects, self.folder)
+                drawn = replay_output.film(first, self.played, self.inputs, self.labels.objects, self.folder)
                 draw = stack.enter_context(drawn)
             if bag is not None:
+                from midnet_bench.workflows.replay_output import replay_bag
+
                 as_bag = stack.enter_context(replay_bag(bag, self.inputs, self.played.nodes, note))
 
             def take(frame: ReplayFrame) -> None:

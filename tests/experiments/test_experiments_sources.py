@@ -14,7 +14,7 @@ from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.navigation import dwa, navigator, trajectory_rollout
 from midnet_bench.navigation.navigation_settings import TRAJECTORY_ROLLOUT_LIMITS
-from midnet_bench.recording.recording_settings import ReplaySettings
+from midnet_bench.recording.setup import ReplaySettings
 from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
 from midnet_bench.workflows.readings import READINGS
 

@@ -29,8 +29,8 @@ import yaml
 
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.experiments import registry
-from midnet_bench.recording.files import records
-from midnet_bench.recording.files.records import zstd
+from midnet_bench.recording.files import bags
+from midnet_bench.recording.files.bags import zstd
 from midnet_bench.recording.files.ros_messages import Message
 from midnet_bench.recording.files.writer import bag_writer
 from tests.cli.command import REPOSITORY, Done, midnet_bench, one_line_of_complaint
@@ -136,8 +136,8 @@ LIMIT, BOMB = 2_000_000, 60_000_000
 @pytest.fixture
 def small_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """A chunk may hold 2 MB here; each bomb unpacks to thirty times as much."""
-    monkeypatch.setattr(records, "MOST_BYTES", LIMIT)
-    monkeypatch.setattr(records, "STEP_BYTES", LIMIT // 8)
+    monkeypatch.setattr(bags, "MOST_BYTES", LIMIT)
+    monkeypatch.setattr(bags, "STEP_BYTES", LIMIT // 8)
 
 
 def refused_in_little_memory(bag: Path) -> str:

@@ -17,7 +17,7 @@ from midnet_bench.recording import live, poses
 from midnet_bench.recording.files.ros_messages import transforms
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import Detected, LiveNode, LiveOptions
-from midnet_bench.recording.recording_settings import ReplaySettings
+from midnet_bench.recording.setup import ReplaySettings
 from midnet_bench.workflows.export import export_trial
 from tests.recording.test_export import Said, read, trials_own
 

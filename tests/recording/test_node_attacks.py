@@ -17,7 +17,7 @@ from midnet_bench.campaign.trial import Scalar
 from midnet_bench.recording import ros_node
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import LiveOptions
-from midnet_bench.recording.recording_settings import ReplaySettings
+from midnet_bench.recording.setup import ReplaySettings
 from midnet_bench.workflows.export import export_trial
 
 SEED = 3

@@ -7,7 +7,7 @@ import pytest
 from midnet_bench.geometry import Pose2D, Scan, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
-from midnet_bench.recording.fitting.localize import Localizer, LocalizerSettings
+from midnet_bench.recording.fitting.fit import Localizer, LocalizerSettings
 from tests.recording.recorded_drives import MOUNT, RECORDINGS, drive, mounted, recorded, room
 
 

@@ -17,8 +17,8 @@ from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
 from midnet_bench.recording.fitting.setup_check import find_setup, start_of
+from midnet_bench.recording.inputs import scan_log_of
 from midnet_bench.recording.poses import PoseTrack
-from midnet_bench.recording.scan_log import scan_log_of
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made
 from tests.recording.recorded_drives import rectangle, room

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from midnet_bench.cli.replay import ReplayOptions, key_of
 from midnet_bench.geometry import Pose2D
-from midnet_bench.recording.files.records import zstd
+from midnet_bench.recording.files.bags import zstd
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive

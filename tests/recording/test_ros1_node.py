@@ -18,8 +18,8 @@ import pytest
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.geometry import Box
 from midnet_bench.recording.live import LiveNode, LiveOptions
-from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.ros_node import DEBIANS, PUBLISHED
+from midnet_bench.recording.setup import ReplaySettings
 from midnet_bench.workflows.export import export_trial
 from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
 from tests.recording.test_export import read, stamp_of, trials_own

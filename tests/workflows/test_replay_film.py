@@ -7,7 +7,7 @@ from midnet_bench.drawing.painter import Canvas, paint_floor_plan
 from midnet_bench.drawing.palette import FLOOR, GROUND
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.workflows.replay_film import boxed, plan_of
+from midnet_bench.workflows.replay_output import boxed, plan_of
 
 
 def a_map() -> OccupancyGrid:

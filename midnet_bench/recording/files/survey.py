@@ -10,7 +10,6 @@ import numpy as np
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats
-from midnet_bench.recording.files.no_return import found_in
 from midnet_bench.recording.files.readings import (
     NS,
     POSE,
@@ -22,6 +21,7 @@ from midnet_bench.recording.files.readings import (
     Source,
     TextReading,
     Topic,
+    found_in,
 )
 
 T = TypeVar("T")
