@@ -17,8 +17,7 @@ import numpy as np
 
 from benchmarks.relations import Relation, read_dense_odometry, read_relations, relations_error
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.scan_logs import ScanLog, read_scan_log
-from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.io.scan_logs import ScanLog, Trajectory, read_scan_log
 from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.mapping.mapping_settings import RECORDED_LOG
 

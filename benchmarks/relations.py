@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.scan_logs import numbers, read_lines
-from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.io.scan_logs import Trajectory, numbers, read_lines
 
 _SAME_INSTANT_S = 0.01  # two programs' stamps of one reading may lie this far apart
 

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from midnet_bench.analysis.sequential import BATCH, SequentialTest
+from midnet_bench.analysis.sample_size import BATCH, SequentialTest
 
 REPETITIONS, MOST, SEED = 2000, 400, 1
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Campaign as Campaign
     from midnet_bench.errors import InputError as InputError
     from midnet_bench.errors import MidnetBenchError as MidnetBenchError
-    from midnet_bench.experiments.experiment import Experiment as Experiment
+    from midnet_bench.experiments.registry import Experiment as Experiment
     from midnet_bench.geometry import Box as Box
     from midnet_bench.geometry import Pose2D as Pose2D
     from midnet_bench.grid import OccupancyGrid as OccupancyGrid
@@ -31,23 +31,22 @@ if TYPE_CHECKING:
     from midnet_bench.workflows.data_frames import results as results
     from midnet_bench.workflows.data_frames import run as run
     from midnet_bench.workflows.data_frames import verify as verify
-    from midnet_bench.workflows.prior_map import prior_map as prior_map
-    from midnet_bench.workflows.simulate import simulate as simulate
+    from midnet_bench.workflows.library import prior_map as prior_map
+    from midnet_bench.workflows.library import simulate as simulate
 
 __version__ = "0.1.0"
 
 _NAMES = {
     "campaign.definition": ("Campaign",),
     "errors": ("InputError", "MidnetBenchError"),
-    "experiments.experiment": ("Experiment",),
+    "experiments.registry": ("Experiment",),
     "geometry": ("Box", "Pose2D"),
     "grid": ("OccupancyGrid",),
     "io.map_server": ("load_map",),
     "midnet.pipeline": ("MIDNet", "MIDNetSettings", "Observation"),
     "workflows.campaigns": ("load_campaign", "run_campaign"),
     "workflows.data_frames": ("compare", "error_causes", "results", "run", "verify"),
-    "workflows.prior_map": ("prior_map",),
-    "workflows.simulate": ("simulate",),
+    "workflows.library": ("prior_map", "simulate"),
 }
 """module -> the public names that it defines"""
 _HOMES = {name: f"midnet_bench.{module}" for module, names in _NAMES.items() for name in names}

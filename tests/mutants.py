@@ -47,7 +47,7 @@ MUTANTS = [
     ),
     Mutant(
         "golden bounds agree with anything",
-        "workflows/golden.py",
+        "workflows/verify.py",
         "return abs(float(ours) - float(golden)) <= drift.absolute + drift.share * abs(float(golden))",
         "return True",
         "workflows/test_smoke.py::test_elsewhere_a_number_may_lie_off_by_so_much",

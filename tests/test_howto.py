@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.analysis import sequential
+from midnet_bench.analysis import sample_size
 from midnet_bench.workflows import size
 from tests.cli.command import midnet_bench
 
@@ -34,7 +34,7 @@ def write_plan(folder: Path) -> None:
 @pytest.fixture(autouse=True)
 def _small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     """``size`` looks after every eight trials instead of forty."""
-    monkeypatch.setattr(sequential, "BATCH", 8)
+    monkeypatch.setattr(sample_size, "BATCH", 8)
     monkeypatch.setattr(size, "BATCH", 8)
 
 

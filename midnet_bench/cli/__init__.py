@@ -13,14 +13,12 @@ from typer.main import get_command
 
 from midnet_bench import compiled
 from midnet_bench.cli import (  # noqa: F401 - each adds its commands
-    arenas,
     campaigns,
     inputs,
     maps,
     messages,
     replay,
     reports,
-    trials,
 )
 from midnet_bench.cli.app import MOVED_OPTIONS, app
 from midnet_bench.cli.replay import key_of

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
 from midnet_bench.cli.messages import counted, filled, print_json, print_lines, show, width
 from midnet_bench.errors import InputError
@@ -47,7 +47,7 @@ def run(
         options.argument(
             "[CAMPAIGN]",
             "A campaign file, or the name of a packaged campaign; without it, they are listed.",
-            completion.campaigns,
+            options.offer_campaigns,
         ),
     ] = None,
 ) -> None:

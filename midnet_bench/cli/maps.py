@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
 from midnet_bench.cli.messages import show
 from midnet_bench.errors import InputError
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from midnet_bench.io.scan_logs import ScanLog
     from midnet_bench.workflows.maps import MadeMap
 
-PARTICLES, SEED = 30, 1
+PARTICLES = 30
 CLIP = "--clip/--no-clip"
 TAKEN = {
     "--from-log": ("--slam", "--particles", "--seed", CLIP),
@@ -31,7 +31,9 @@ _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 def make_map(
     arena: Annotated[
         str | None,
-        options.argument(None, "The arena to explore: map1, map2, empty, or a YAML file.", completion.arenas),
+        options.argument(
+            None, "The arena to explore: map1, map2, empty, or a YAML file.", options.offer_arenas
+        ),
     ] = None,
     robots: options.Number = None,
     exact: bool = False,
@@ -86,7 +88,7 @@ def make_map(
     source = str(from_log or from_map or arena)
     ending = "-exact" if exact else "-resampled" if from_map else ""
     target = output or options.RESULTS / f"map-{_ENDINGS.sub('', Path(source).name)}{ending}"
-    how: dict[str, Any] = {"seed": SEED if seed is None else seed, "clip": clip is not False}
+    how: dict[str, Any] = {"seed": options.SEED if seed is None else seed, "clip": clip is not False}
     if from_log is not None:
         made = _map_log(from_log, slam, particles, target, how)
     elif from_map is not None:

@@ -1,4 +1,4 @@
-"""Options of commands: what a docstring says of them, and those that mean the same for every command.
+"""Options of commands: what a docstring says of them, what the tab key offers, and those of every command.
 
 A function or a dataclass declares an option by a parameter with a type; its docstring has a section
 ``Options`` with a line ``name --names METAVAR>=least: help`` for each, where all but name and help may be
@@ -10,20 +10,21 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_type_hints
 
 import typer
 
-from midnet_bench.cli import completion, messages
+from midnet_bench.cli import messages
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Values
     from midnet_bench.campaign.trial import Scalar
 
+SEED, ROBOTS = 1, 5  # of a trial that is no campaign's, unless the user says otherwise
 RESULTS = Path("results")  # Where results go unless ``-o`` says otherwise.
 PARAMETER = "="  # Help of an option whose sentence, range and default are those of the parameter of its name.
 NUMBERS = ("robots", "intruders", "frames")
@@ -142,9 +143,87 @@ def help_of(name: str, command: str) -> str | None:
     return sentence + f" ({'; '.join(texts)})" * bool(texts) + "."
 
 
+def offer_experiments(incomplete: str) -> list[str]:
+    """Experiments by name."""
+    from midnet_bench.experiments.registry import names
+
+    return _beginning(incomplete, names())
+
+
+def offer_parameters(incomplete: str) -> list[str]:
+    """Experiments, then parameters of any of them."""
+    from midnet_bench.experiments.registry import names
+
+    return _beginning(incomplete, [*names(), *_keys(names())])
+
+
+def offer_campaigns(incomplete: str) -> list[str]:
+    """Packaged campaigns, then campaign files whose path begins so."""
+    from midnet_bench.workflows.campaigns import packaged_campaigns
+
+    return [*_beginning(incomplete, packaged_campaigns()), *_paths(incomplete, ".yaml")]
+
+
+def offer_arenas(incomplete: str) -> list[str]:
+    """Packaged arenas, then YAML files whose path begins so."""
+    from midnet_bench.arena.arena import arena_names
+
+    return [*_beginning(incomplete, arena_names()), *_paths(incomplete, ".yaml")]
+
+
+def offer_results(incomplete: str) -> list[str]:
+    """Folders with a campaign's results: those in ``results/``, and any whose path begins so."""
+    usual = [str(folder) for folder in sorted(Path("results").glob("*")) if has_results(folder)]
+    return list(dict.fromkeys([*_beginning(incomplete, usual), *_paths(incomplete, "")]))
+
+
+def offer_exported(incomplete: str) -> list[str]:
+    """What has guards: experiments by name, then folders with results."""
+    return [*_beginning(incomplete, ("detection", "labyrinth")), *offer_results(incomplete)]
+
+
+def offer_settings(context: typer.Context, incomplete: str) -> list[str]:
+    """Parameters of the experiment that the command runs, each with ``=`` behind it."""
+    from midnet_bench.experiments.registry import names
+
+    named = str(context.params.get("experiment") or context.info_name)
+    return [f"{key}=" for key in _beginning(incomplete, _keys([named] if named in names() else names()))]
+
+
+def _keys(experiments: Iterable[str]) -> list[str]:
+    from midnet_bench.experiments.registry import parameters_model
+
+    return [key for name in experiments for key in parameters_model(name).defaults()]
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    return [name for name in dict.fromkeys(names) if name.startswith(incomplete)]
+
+
+def has_results(folder: Path) -> bool:
+    """Whether a campaign's results are in it."""
+    return any((folder / name).is_file() for name in ("campaign.sqlite", "configuration.json"))
+
+
+def _paths(incomplete: str, suffix: str) -> Iterator[str]:
+    """Folders, and files that end in ``suffix``, whose path begins with ``incomplete``."""
+    folder, slash, beginning = incomplete.rpartition("/")
+    try:
+        found = sorted(Path(folder + slash).iterdir()) if incomplete else []
+    except OSError:
+        return
+    for path in found:
+        if not path.name.startswith(beginning):
+            continue
+        if path.is_dir():
+            yield str(path) if suffix == "" and has_results(path) else f"{path}/"
+        elif suffix and path.name.endswith(suffix):
+            yield str(path)
+
+
 def _settings(more: str = "") -> Any:
     text = f"Set any parameter; 'midnet-bench parameters' lists them. {more}May be repeated."
-    return option("KEY=VALUE", text, "--set", autocompletion=completion.settings)
+    return option("KEY=VALUE", text, "--set", autocompletion=offer_settings)
 
 
 def _trust(is_given: bool) -> None:
@@ -158,7 +237,7 @@ def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
     """The same. Raises InputError, with a hint, if one is no folder."""
     for each in directories if isinstance(directories, list) else [directories]:
         if each.is_file():
-            folder = each.parent if completion.has_results(each.parent) else "such as results/labyrinth"
+            folder = each.parent if has_results(each.parent) else "such as results/labyrinth"
             raise InputError(f"{each}: this is a file; give a campaign's folder, {folder}")
         if not each.is_dir():
             raise InputError(f"{each}: there is no such folder; give a campaign's, such as results/labyrinth")
@@ -167,14 +246,14 @@ def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
 
 def results_folder(metavar: str, help: str) -> Any:
     """An argument that names a campaign's folder."""
-    return argument(metavar, help, completion.results, callback=_is_folder)
+    return argument(metavar, help, offer_results, callback=_is_folder)
 
 
 Seed = Annotated[int, option("N", "Random seed.", min=0)]
 Settings = Annotated[list[str] | None, _settings()]
 Sweep = Annotated[list[str] | None, _settings("KEY=VALUE,VALUE runs each value. ")]
 Map = Annotated[Path | None, option("FILE", "Prior map: the YAML file of a ROS map_server map.", "--map")]
-Arena = Annotated[str | None, parameter("ARENA", autocompletion=completion.arenas)]
+Arena = Annotated[str | None, parameter("ARENA", autocompletion=offer_arenas)]
 Part = Annotated[str | None, parameter()]
 Number = Annotated[int | None, parameter("N")]
 Numbers = Annotated[str | None, parameter("N,N")]
@@ -193,7 +272,7 @@ Where = Annotated[
         "FACTOR=VALUE", "Only trials with this value of the grid, such as oracle=none; may be given again."
     ),
 ]
-ArenaFile = Annotated[str, argument("ARENA", "A packaged arena or a YAML file.", completion.arenas)]
+ArenaFile = Annotated[str, argument("ARENA", "A packaged arena or a YAML file.", offer_arenas)]
 ResultsFolder = Annotated[Path, results_folder("DIR", "A campaign's folder, such as results/labyrinth.")]
 Given = TypeVar("Given")
 

@@ -1,4 +1,4 @@
-"""The commands that read a campaign's results: ``compare``, ``verify`` and ``errors``."""
+"""The commands that look at results and trials: ``compare``, ``verify``, ``errors`` and ``render``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -54,7 +54,7 @@ def compare(
         output PATH: Also write tables and figures into this folder; with --rank, the page into this file.
     """
     if exact or update:
-        from midnet_bench.workflows.golden import compare_exactly
+        from midnet_bench.workflows.verify import compare_exactly
 
         if len(directories) > 2:
             raise InputError(
@@ -141,7 +141,7 @@ def verify(
 
 def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
     """The counts first, then what is not reproduced and what is open."""
-    from midnet_bench.analysis.claims import shown_claims
+    from midnet_bench.analysis.compare import shown_claims
 
     summary, tables = shown_claims(table, everything)
     print_lines([summary, ""])
@@ -214,3 +214,56 @@ def errors(
             workflow.grids(directory, seed, frame, own, grids)
             if not as_json:
                 messages.log_folder(grids)
+
+
+@command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
+def render(
+    experiment: Annotated[
+        str, options.argument(None, "detection or labyrinth.", options.offer_experiments)
+    ] = "detection",
+    robots: int | None = None,
+    intruders: options.Number = None,
+    frames: options.Number = None,
+    seed: options.Seed = options.SEED,
+    frame: int | None = None,
+    clip: bool = True,
+    speed: float = 4.0,
+    scans: bool = False,
+    arena: options.Arena = None,
+    engine: options.Part = None,
+    robot_model: options.Part = None,
+    map_file: options.Map = None,
+    settings: options.Settings = None,
+    output: Path | None = None,
+) -> None:
+    """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film.
+
+    Options:
+        robots N: Security robots (default 5).
+        frame N: Which frame the pictures show, counted from 1 (default 100 or the last).
+        clip --clip/--no-clip: Make a film (MP4) and a storyboard of the whole trial.
+        speed FACTOR: How much faster than real time the film runs.
+        scans --scans/--no-scans: Show the returns of the robots' LiDARs.
+        output DIR: Folder for the pictures (default results/render-...).
+    """
+    from midnet_bench.cli.progress import meter
+    from midnet_bench.experiments import registry
+    from midnet_bench.workflows.render import render_trial
+
+    chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
+    chosen |= {"engine": engine, "robot": robot_model}
+    parameters = options.joined(chosen, settings, map_file)
+    found = registry.experiment(experiment)
+    options.check_values(experiment, chosen, "--{key}")
+    if "robots" in found.parameters.defaults():
+        parameters = {"robots": options.ROBOTS, **parameters}
+    directory = output or options.RESULTS / f"render-{found.name}-{seed}"
+    with meter() as bar:
+        files = render_trial(
+            *(experiment, parameters, seed, directory, frame, clip),
+            progress=lambda done, most: bar.show(done, most, f"frame {done} of at most {most}"),
+            speed=speed,
+            scans=scans,
+        )
+    for file in files:
+        typer.echo(file)

@@ -1,26 +1,200 @@
-"""The experiments by name: those of this package, of installed packages, and of a user's own files."""
+"""``Experiment``: all that commands need of an experiment in one record; and how a record is found.
 
+This package has three. An experiment of your own is a Python file with such a record in it. A campaign file
+names it by ``experiment: path/file.py:NAME`` or ``experiment: package.module:NAME``; a package can offer it
+under a name by an entry point of the group ``midnet_bench.experiments``.
+"""
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from midnet_bench.campaign.trial import VARIANT, check_tables, shown
+from midnet_bench.campaign.trial import VARIANT, Sharing, check_tables, shown
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.detection import DETECTION
-from midnet_bench.experiments.experiment import Experiment
-from midnet_bench.experiments.labyrinth import LABYRINTH
-from midnet_bench.experiments.mapping import MAPPING
-from midnet_bench.plugins import load_reference, offered
+from midnet_bench.experiments import columns
+from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.plugins import later, load_reference, offered
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from midnet_bench.analysis.compare import Finding
     from midnet_bench.analysis.frames import Results
+    from midnet_bench.analysis.tables import Table
     from midnet_bench.campaign.definition import Definition
     from midnet_bench.campaign.trial import Tables, TrialResult, TrialSpec
     from midnet_bench.io.checked_yaml import Parameters
+    from midnet_bench.page.recording import Recording
 
 ENTRY_POINTS = "midnet_bench.experiments"  # the group under which an installed package offers experiments
+WANTED_LOW = ("_s", "_m", "_switches", "never_detected")  # how names of metrics end of which less is better
 
+
+@dataclass(frozen=True)
+class Headline:
+    """What a terminal and a page show of a campaign's results first."""
+
+    tables: "Sequence[Table]"
+    conclusion: Sequence[str]  # the result in sentences, made from the numbers
+    notes: Sequence[str]  # how the numbers in ``tables`` are to be read, for a terminal
+    following: str  # the command to type next
+
+
+def _nothing(results: object) -> "Sequence[Any]":
+    return ()
+
+
+def _no_figures(results: object) -> "Mapping[str, Figure]":
+    return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """An experiment: its parameters, one trial of it, and what is made of a campaign's results.
+
+    Importing a record should be cheap: ``plugins.later`` imports a function when it is called. ``results`` is
+    an ``analysis.frames.Results``.
+    """
+
+    name: str
+    summary: str  # one sentence for the help
+    parameters: "type[Parameters]"  # the class of its parameters
+    run: "Callable[[Any, int], TrialResult]"
+    """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
+    result_key: Callable[[Any], Hashable] | None = None
+    """parameters -> what of them a trial's numbers depend on: trials of one seed that agree in it are run
+    once; all of them unless given"""
+    simulation_key: Callable[[Any], Hashable] | None = None
+    """parameters -> what trials of one seed have to agree in for ``run_together``"""
+    run_together: "Callable[[Sequence[Any], int], Sequence[TrialResult | Exception]] | None" = None
+    """([parameters], seed) -> of each what ``run`` gives, or raises, in one simulation"""
+    columns: "Tables" = field(default_factory=dict)
+    """the tables that ``run`` gives and what their columns hold; nothing is checked unless given"""
+    tables: "Callable[[Results], Sequence[Table]]" = _nothing
+    """what ``report`` writes, prints (unless ``printed`` says otherwise) and gives as JSON"""
+    printed: tuple[str, ...] = ()  # names of the main tables; all unless given
+    headline: "Callable[[Results, Results | None], Headline] | None" = None
+    """(results with a finished trial, those of the packaged reference if there is one) -> what a terminal
+    shows instead of ``printed``, which ``--wide`` shows; ``report.html`` begins with its conclusion"""
+    figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
+    """stem of its files -> a matplotlib figure"""
+    sweeps_beside: bool = False  # whether scores over numeric factors are drawn beside ``figures``
+    claims: "Callable[[Results], Sequence[Finding]]" = _nothing
+    """what a paper states, checked against the results, for ``verify``"""
+    measures: "Callable[[Results], DataFrame] | None" = None
+    """the main scores of each trial, for ``compare`` and ``report --x``: a data frame with the columns
+    ``seed``, ``measure`` and ``value`` beside those of the factors; ``analysis.compare.tidy`` makes one"""
+    recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
+    """the recorded trials, for the player of ``report.html``: each is made at its first use; there
+    are none without a table ``recorded``"""
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """main score -> the least and the greatest value that it can have, where no column is called so"""
+    lower_is_better: tuple[str, ...] = ()  # those of the main scores that are the better the lower they are
+    ranked_by: tuple[str, ...] = ()  # those of them that ``leaderboard`` ranks by
+    comparison_tables: "Callable[[Mapping[str, Results]], Sequence[Table]]" = _nothing
+    """tables of several campaigns side by side, by the campaigns' names"""
+    comparison_figures: "Callable[[Mapping[str, Results]], Mapping[str, Figure]]" = _no_figures
+    """figures of several campaigns side by side"""
+    power: "Callable[[Results, float, tuple[int, int], float], Table] | None" = None
+    """(results, difference, team sizes, power) -> the sample sizes that show that difference"""
+    trial: Callable[..., Any] | None = None
+    """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate``; else None"""
+    demo: Callable[..., Any] | None = None
+    """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
+    ``midnet-bench render``; None if there is nothing to draw"""
+
+    def wants_less(self, measure: str) -> bool:
+        """Whether less of a score is better: of a main one by ``lower_is_better``, of a metric by its name.
+
+        A metric whose name ends in ``_s`` or ``_m`` is a time or an error; it may count what went wrong.
+        """
+        return measure in self.lower_is_better or measure.endswith(WANTED_LOW)
+
+    def range_of(self, measure: str) -> tuple[float, float]:
+        """The least and the greatest value of a score, by ``ranges`` or the column of that name."""
+        if measure in self.ranges:
+            return self.ranges[measure]
+        for table in self.columns.values():
+            column = table.columns.get(measure)
+            if column is not None and column.kind in (int, float):
+                return column.least, column.most
+        return -math.inf, math.inf
+
+    def sharing(self, parameters: Any) -> Sharing:
+        """What the trials of these parameters share with others of their seed."""
+        result_key = parameters if self.result_key is None else self.result_key(parameters)
+        if self.simulation_key is None or self.run_together is None:
+            return Sharing(result_key, result_key)
+        return Sharing(self.simulation_key(parameters), result_key)
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether it draws a campaign's results in a way of its own."""
+        return self.figures is not _no_figures
+
+
+DETECTION = Experiment(
+    name="detection",
+    summary="Map 1, section V.A: which intruders are detected, frame by frame.",
+    parameters=DetectionParameters,
+    run=later("midnet_bench.experiments.detection.trial:run_detection"),
+    result_key=later("midnet_bench.experiments.detection.parameters:result_key"),
+    simulation_key=later("midnet_bench.experiments.detection.parameters:simulation_key"),
+    run_together=later("midnet_bench.experiments.detection.trial:run_together"),
+    columns=columns.DETECTION,
+    tables=later("midnet_bench.experiments.detection.tables:tables"),
+    printed=("detection_summary", "detection_counting", "detection_matching", "metrics_summary"),
+    headline=later("midnet_bench.experiments.detection.conclusions:headline"),
+    claims=later("midnet_bench.experiments.detection.conclusions:claims"),
+    measures=later("midnet_bench.experiments.detection.tables:measures"),
+    figures=later("midnet_bench.experiments.figures:detection_figures"),
+    sweeps_beside=True,
+    recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
+    ranges={"f1_one_to_one": (0.0, 1.0), "gospa_per_frame_m": (0.0, math.inf)},
+    lower_is_better=("gospa_per_frame_m",),
+    ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
+    trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
+    demo=later("midnet_bench.experiments.scenes:detection_demo"),
+)
+LABYRINTH = Experiment(
+    name="labyrinth",
+    summary="Map 2, section V.B: which intruders are caught before they escape.",
+    parameters=LabyrinthParameters,
+    run=later("midnet_bench.experiments.labyrinth.trial:run_labyrinth"),
+    result_key=later("midnet_bench.experiments.guarded.parameters:result_key"),
+    columns=columns.LABYRINTH,
+    tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
+    printed=("success_rate", "metrics_summary", "labyrinth_health", "labyrinth_speed"),
+    headline=later("midnet_bench.experiments.labyrinth.tables:headline"),
+    claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
+    measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
+    recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
+    ranges={"caught_percent": (0.0, 100.0), "time_to_capture_s": (0.0, math.inf)},
+    lower_is_better=("duration_s", "time_to_capture_s"),
+    ranked_by=("caught_percent", "time_to_capture_s"),
+    comparison_tables=later("midnet_bench.experiments.labyrinth.tables:comparison_tables"),
+    power=later("midnet_bench.experiments.labyrinth.tables:power_table"),
+    figures=later("midnet_bench.experiments.figures:labyrinth_figures"),
+    comparison_figures=later("midnet_bench.experiments.figures:comparison_figures"),
+    trial=later("midnet_bench.experiments.labyrinth.trial:LabyrinthTrial"),
+    demo=later("midnet_bench.experiments.scenes:labyrinth_demo"),
+)
+MAPPING = Experiment(
+    name="mapping",
+    summary="Section II.A: how robots explore an unknown arena and map it.",
+    parameters=MappingParameters,
+    run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
+    columns=columns.MAPPING,
+    tables=later("midnet_bench.experiments.mapping.tables:tables"),
+    printed=("mapping", "mapping_walls", "mapping_speedup", "mapping_choice"),
+    figures=later("midnet_bench.experiments.figures:mapping_figures"),
+)
 _OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING)}
 _GONE = {
     "robustness": "it is a 'detection' campaign with variants now: 'midnet-bench run robustness'",

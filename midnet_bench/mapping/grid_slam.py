@@ -12,7 +12,7 @@ from midnet_bench.compiled import njit, numba
 from midnet_bench.elementary import cos_sin, directions
 from midnet_bench.geometry import Floats, Indices, LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.io.scan_logs import Trajectory
 
 ArgsT = TypeVar("ArgsT")
 Score = Callable[[ArgsT, Pose2D, float], float]

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.scan_logs import ScanLog
-from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.io.scan_logs import ScanLog, Trajectory
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.graph_slam import FEWEST_BEAMS, GraphSlam
 from midnet_bench.mapping.grid_slam import GridSlam

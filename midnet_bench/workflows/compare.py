@@ -30,8 +30,7 @@ from midnet_bench.analysis.tables import Cell, Table, in_words, signed, team_in_
 from midnet_bench.campaign.provenance import code_of, versions_note
 from midnet_bench.campaign.trial import factor_text
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.experiment import Experiment
-from midnet_bench.experiments.registry import experiment_of, tables_of
+from midnet_bench.experiments.registry import Experiment, experiment_of, tables_of
 from midnet_bench.io.files import write_atomically
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.settings import leaves

@@ -12,10 +12,9 @@ from midnet_bench.analysis.frames import Results, load_results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.experiments.guarded.tables import by_frame, error_tables, without
-from midnet_bench.experiments.registry import tables_of
+from midnet_bench.experiments.registry import DETECTION, tables_of
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 from midnet_bench.workflows.render import render_trial
 

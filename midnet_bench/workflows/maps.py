@@ -27,8 +27,7 @@ from midnet_bench.experiments.mapping.trial import ExplorationTrial, Snapshot
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, write_atomically
 from midnet_bench.io.map_server import load_map, save_binary_map, save_map
-from midnet_bench.io.scan_logs import ScanLog
-from midnet_bench.io.trajectory import clock_fault, write_tum
+from midnet_bench.io.scan_logs import ScanLog, clock_fault, write_tum
 from midnet_bench.mapping.gmapping import cores
 from midnet_bench.mapping.graph_slam import parameters
 from midnet_bench.mapping.grid_slam import GridSlam
@@ -36,7 +35,7 @@ from midnet_bench.mapping.log_mapping import MappingResult, map_scans
 from midnet_bench.mapping.map_score import reachable_free
 from midnet_bench.mapping.mapping_settings import RECORDED_LOG
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.workflows.prior_map import PRIOR_MAP_PARAMETERS, prior_map
+from midnet_bench.workflows.library import PRIOR_MAP_PARAMETERS, prior_map
 
 DIGITS = {"coverage": 4, "wall_error_m": 4, "time_s": 1, "distance_m": 1}
 CONFIGURATION = "configuration.json"

@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from midnet_bench import __version__
-from midnet_bench.analysis.claims import verdict_table
+from midnet_bench.analysis.compare import verdict_table
 from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results, results_of
 from midnet_bench.analysis.tables import Table, write_tables
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.experiment import Experiment, Headline
-from midnet_bench.experiments.registry import columns_of, experiment_in, experiment_of, tables_of
+from midnet_bench.experiments.registry import (
+    Experiment,
+    Headline,
+    columns_of,
+    experiment_in,
+    experiment_of,
+    tables_of,
+)
 from midnet_bench.io.files import plain_name, shipped_folder, write_atomically
 from midnet_bench.workflows.compare import Comparison, sweep, sweeps
 

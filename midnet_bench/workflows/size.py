@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.analysis.sequential import BATCH, LEVEL, SequentialTest
+from midnet_bench.analysis.sample_size import BATCH, LEVEL, SequentialTest
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.arena.arena import Arena

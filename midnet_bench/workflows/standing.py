@@ -23,8 +23,7 @@ from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import VARIANT, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.experiment import Headline
-from midnet_bench.experiments.registry import experiment_of, tables_of
+from midnet_bench.experiments.registry import Headline, experiment_of, tables_of
 from midnet_bench.io.files import shipped_folder, write_atomically
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.workflows.check import detector_ms

@@ -16,7 +16,7 @@ from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.recording.inputs import prepared
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.workflows.export import trial_of
-from midnet_bench.workflows.simulate import simulate
+from midnet_bench.workflows.library import simulate
 
 PAGE, GRIDS, FUSION = "steps.html", "steps-grids.png", "steps-fusion.png"
 FRAME_S = 0.2

@@ -1,15 +1,26 @@
-"""The paper's claims, each checked against a campaign, and the sample size that a difference needs."""
+"""Numbers checked: the paper's claims against a campaign, and a campaign's against committed ones."""
 
+import csv
+import hashlib
+import json
+from collections.abc import Iterator
 from pathlib import Path
 
-from midnet_bench.analysis.claims import Verdict, verdict_table, verdicts
+from midnet_bench.analysis.compare import Verdict, verdict_table, verdicts
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.analysis.power import POWER
+from midnet_bench.analysis.sample_size import POWER
 from midnet_bench.analysis.tables import Table
+from midnet_bench.campaign.provenance import Provenance, collect
+from midnet_bench.campaign.trial import ANY_DRIFT, Drift
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.registry import experiment_of, tables_of
+from midnet_bench.experiments import registry
+from midnet_bench.io.files import installed, shipped_folder, write_atomically
 
 EXIT_CODES = {Verdict.REPRODUCED: 0, Verdict.INCONCLUSIVE: 3, Verdict.NOT_REPRODUCED: 4}
+TABLES = {"smoke-detection": ("scores", "robots"), "smoke-labyrinth": ("trial", "intruders", "robots")}
+"""packaged campaign -> its tables that have committed numbers"""
+PLATFORM = "platform.json"
+SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
 
 
 def verify(directory: str | Path) -> tuple[str, Table, int]:
@@ -20,8 +31,8 @@ def verify(directory: str | Path) -> tuple[str, Table, int]:
     Raises:
         InputError: a campaign that the paper states nothing about, or without the trials it takes.
     """
-    results = load_results(directory, tables_of)
-    found = experiment_of(results).claims(results)
+    results = load_results(directory, registry.tables_of)
+    found = registry.experiment_of(results).claims(results)
     if not found:
         raise InputError(f"{directory}: nothing here that the paper states a result for")
     worst = max(verdicts(found), key=EXIT_CODES.__getitem__)
@@ -48,8 +59,8 @@ def power_report(
         raise InputError(f"--power {power:g}: expected a probability between 0 and 1")
     if robots[0] == robots[1]:
         raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
-    results = load_results(directory, tables_of)
-    record = experiment_of(results)
+    results = load_results(directory, registry.tables_of)
+    record = registry.experiment_of(results)
     if record.power is None:
         raise InputError(f"{directory}: a {record.name} campaign; --difference works on labyrinth campaigns")
     if results.definition.trials < 2:
@@ -57,3 +68,108 @@ def power_report(
             f"{directory}: one trial per cell shows no spread; --difference needs 2, so --seeds 2"
         )
     return results.definition.experiment, record.power(results, abs(difference), robots, power)
+
+
+def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
+    """What is off between a campaign's numbers and expected ones, a line each; and how it was judged.
+
+    Args:
+        run: the campaign's folder.
+        golden: a folder of expected numbers, or of another campaign; the committed numbers of the packaged
+            campaign that ``run`` is called by unless given.
+        update: make the campaign's numbers the committed ones instead.
+
+    Raises:
+        InputError: there are no such numbers, or an installed package is to be changed.
+    """
+    name = run.resolve().name
+    if golden is None:
+        if name not in TABLES:
+            raise InputError(
+                f"{run}: no numbers are committed for a campaign of this name; give their folder, or run "
+                f"{' or '.join(TABLES)}"
+            )
+        golden = shipped_folder(f"golden/{name}", f"results/reference/smoke/{name}")
+    if update and installed():
+        raise InputError("compare: --update changes the repository's numbers; run it in a checkout")
+    found = sorted(path.stem for path in golden.glob("*.csv") if path.stem != "timing")  # wall times
+    tables = TABLES.get(name) or tuple(found)
+    if update:
+        update_golden(run, golden, tables)
+        return [], ""
+    if (run / "failures.csv").exists() and (failures := _rows(run, "failures")):
+        return [f"{name}: {len(failures)} trials failed"], "and no number was compared"
+    is_exact, off = differences_from_golden(run, golden, tables)
+    how = "compared to the byte" if is_exact else "within another platform's bounds"
+    return [f"{name}: {line}" for line in off], how
+
+
+def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:
+    """Make the numbers of ``run`` the golden ones, with its platform. Raises InputError: one is not there."""
+    try:
+        numbers = {f"{name}.csv": (run / f"{name}.csv").read_bytes() for name in tables}
+    except OSError as error:
+        raise InputError(f"{error.filename}: {error.strerror}; make it by 'midnet-bench report'") from error
+    for name, content in numbers.items():
+        write_atomically(golden / name, content)
+    write_atomically(golden / PLATFORM, json.dumps(_platform(), indent=1) + "\n")
+
+
+def differences_from_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> tuple[bool, list[str]]:
+    """Whether every byte counts, and a line for each number of ``run`` that is off.
+
+    Every byte counts on the platform of the golden numbers, and in another campaign's folder.
+
+    Raises:
+        InputError: there are no golden numbers.
+    """
+    is_campaign = any((golden / name).exists() for name in ("campaign.sqlite", "configuration.json"))
+    try:
+        is_exact = is_campaign or json.loads((golden / PLATFORM).read_text()) == _platform()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{golden / PLATFORM}: no golden numbers here; make them with --update") from error
+    drifts = {
+        (table, column): known.drift
+        for experiment in registry.names()
+        for table, its in registry.experiment(experiment).columns.items()
+        for column, known in its.columns.items()
+    }
+    return is_exact, [line for name in tables for line in _off(run, golden, name, {} if is_exact else drifts)]
+
+
+def _platform() -> Provenance:
+    here = collect(0)
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    # numerical libraries choose their code by what the processor can do
+    digest = hashlib.sha256(flags.encode()).hexdigest()[:16] if lines else ""
+    return {key: here[key] for key in SAME_PLATFORM} | {"processor_flags": digest}
+
+
+def _off(run: Path, golden: Path, name: str, drifts: dict[tuple[str, str], Drift | None]) -> Iterator[str]:
+    ours, theirs = _rows(run, name), _rows(golden, name)
+    if len(ours) != len(theirs):
+        yield f"{name}.csv: {len(ours)} rows, golden {len(theirs)}"
+    for number, (row, expected) in enumerate(zip(ours, theirs, strict=False), 1):
+        for column in expected:
+            if not _agree(row.get(column, ""), expected[column], drifts.get((name, column))):
+                yield f"{name}.csv: row {number}: {column} {row.get(column)}, golden {expected[column]}"
+
+
+def _agree(ours: str, golden: str, drift: Drift | None) -> bool:
+    """``drift``: how far apart they may be; None if not at all."""
+    if drift is None or drift == ANY_DRIFT or not (ours and golden):
+        return drift == ANY_DRIFT or ours == golden
+    return abs(float(ours) - float(golden)) <= drift.absolute + drift.share * abs(float(golden))
+
+
+def _rows(folder: Path, name: str) -> list[dict[str, str]]:
+    path = folder / f"{name}.csv"
+    try:
+        with path.open(newline="") as file:
+            return list(csv.DictReader(file))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such table; make it with 'midnet-bench report {folder}'") from error

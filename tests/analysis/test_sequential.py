@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.sequential_coverage import measure
-from midnet_bench.analysis import sequential
-from midnet_bench.analysis.sequential import BATCH, LEVEL, SequentialTest
+from midnet_bench.analysis import sample_size
+from midnet_bench.analysis.sample_size import BATCH, LEVEL, SequentialTest
 
 
 def test_the_likelihood_ratio_is_that_of_the_mixture() -> None:
@@ -32,7 +32,7 @@ def test_clear_trials_decide_and_others_do_not(successes: int, trials: int, expe
 
 def test_the_ways_to_end_are_those_of_all_sequences(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of the 2**12 sequences of trials, followed one by one."""
-    monkeypatch.setattr(sequential, "BATCH", 4)
+    monkeypatch.setattr(sample_size, "BATCH", 4)
     test, p = SequentialTest(0.6, 12), 0.7
     expected: dict[tuple[int, int], float] = {}
     for sequence in itertools.product((0, 1), repeat=12):

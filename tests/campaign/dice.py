@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from random import Random
 
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.registry import Experiment
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 

@@ -9,6 +9,7 @@ import pytest
 
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.campaign.trial import Scalar
+from midnet_bench.cli.inputs import READINGS, readings_of
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
@@ -18,7 +19,6 @@ from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.experiments.registry import names, parameters_model
 from midnet_bench.settings import all_values, leaves
-from midnet_bench.workflows.readings import READINGS, readings_of
 from tests.conftest import campaign_folder
 
 

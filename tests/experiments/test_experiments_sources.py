@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from midnet_bench.cli.inputs import READINGS
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
@@ -16,7 +17,6 @@ from midnet_bench.navigation import dwa, navigator, trajectory_rollout
 from midnet_bench.navigation.navigation_settings import TRAJECTORY_ROLLOUT_LIMITS
 from midnet_bench.recording.setup import ReplaySettings
 from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
-from midnet_bench.workflows.readings import READINGS
 
 PARTS: Mapping[str, tuple[type[Settings], ...]] = {
     "all": (DetectionParameters, LabyrinthParameters, MappingParameters),

@@ -13,7 +13,7 @@ from midnet_bench.experiments.registry import experiment, names, parameters_mode
 DICE = """
 from dataclasses import dataclass
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.registry import Experiment
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.rng import stream
 from midnet_bench.settings import option

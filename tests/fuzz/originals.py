@@ -34,7 +34,7 @@ EXPERIMENT = b"""
 from dataclasses import dataclass
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.registry import Experiment
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 

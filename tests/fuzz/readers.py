@@ -24,9 +24,9 @@ from midnet_bench.experiments.registry import parameters_model
 from midnet_bench.io.scan_logs import read_scan_log
 from midnet_bench.mapping.log_mapping import held_in_memory, map_scans
 from midnet_bench.settings import leaves
+from midnet_bench.workflows.library import simulate
 from midnet_bench.workflows.maps import write_trajectory
 from midnet_bench.workflows.report import write_report
-from midnet_bench.workflows.simulate import simulate
 from tests.fuzz import mutations, originals, recordings
 from tests.fuzz.mutations import chance, pick, text_file
 

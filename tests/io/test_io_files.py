@@ -11,7 +11,7 @@ from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import temporary_folder, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
-from midnet_bench.io.trajectory import Trajectory, write_tum
+from midnet_bench.io.scan_logs import Trajectory, write_tum
 
 
 def save_a_map(folder: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from midnet_bench.io.trajectory import Trajectory, clock_fault, write_tum
+from midnet_bench.io.scan_logs import Trajectory, clock_fault, write_tum
 
 
 def test_a_tum_line_by_hand(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.relations import Relation, read_dense_odometry, read_relations, relations_error
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.io.scan_logs import Trajectory
 
 ODOMETRY = Trajectory(
     np.array([0.0, 1.0, 2.0, 3.0, 4.0]),

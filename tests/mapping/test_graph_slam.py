@@ -14,8 +14,7 @@ from benchmarks.recorded_log import drawn_slips, with_slip
 from benchmarks.relations import Relation, read_dense_odometry, read_relations, relations_error
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
-from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle, read_scan_log
-from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.io.scan_logs import LoggedScan, ScanLog, Trajectory, half_circle, read_scan_log
 from midnet_bench.mapping.correlative_matcher import BLOCK_CELLS, CELL_M, FULL, Window, hit_field, match
 from midnet_bench.mapping.graph_slam import GraphSlam
 from midnet_bench.mapping.grid_slam import ORIGIN

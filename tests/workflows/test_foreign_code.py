@@ -140,7 +140,7 @@ def test_what_comes_with_the_package_needs_no_trust(tmp_path: Path) -> None:
         "detection", 1, 1, {"arena": ["paper", '{"a": [1], "b": "x.y"}']}, {"detector": "midnet"}
     )
     provenance.refuse_untrusted(own, tmp_path)
-    module = "midnet_bench.experiments.detection:DETECTION"
+    module = "midnet_bench.experiments.registry:DETECTION"
     assert registry.experiment_in(Definition(module, 1, 1, {}, {}), tmp_path).name == "detection"
     with pytest.raises(InputError, match="--trust"):
         provenance.refuse_untrusted(

@@ -18,12 +18,12 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from midnet_bench.analysis.claims import finding
+from midnet_bench.analysis.compare import finding
 from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.statistics import mean
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.registry import Experiment
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.rng import stream
 from midnet_bench.settings import option

@@ -113,7 +113,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from midnet_bench.campaign.trial import TrialResult
 from midnet_bench.drawing.scene import Demo
-from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.registry import Experiment
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 from tests.drawing.hand_made import setup_and_scene

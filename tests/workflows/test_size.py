@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.analysis import sequential
+from midnet_bench.analysis import sample_size
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.free_space import doors
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
@@ -21,7 +21,7 @@ QUICK = ("--within", 2, "--trials", 20, "-q")
 @pytest.fixture(autouse=True)
 def _small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     """A look after every ten trials instead of forty."""
-    monkeypatch.setattr(sequential, "BATCH", 10)
+    monkeypatch.setattr(sample_size, "BATCH", 10)
     monkeypatch.setattr(size, "BATCH", 10)
 
 

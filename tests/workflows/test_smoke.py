@@ -9,7 +9,7 @@ import pytest
 
 from midnet_bench.campaign.definition import load_campaign
 from midnet_bench.errors import InputError
-from midnet_bench.workflows.golden import PLATFORM, compare_exactly, differences_from_golden, update_golden
+from midnet_bench.workflows.verify import PLATFORM, compare_exactly, differences_from_golden, update_golden
 
 REPOSITORY = Path(__file__).parents[2]
 GOLDEN = REPOSITORY / "results" / "reference" / "smoke"

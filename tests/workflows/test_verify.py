@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from midnet_bench.analysis.claims import Finding, Verdict
+from midnet_bench.analysis.compare import Finding, Verdict
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.analysis.power import (
+from midnet_bench.analysis.sample_size import (
     minimum_detectable_effect,
     probability_to_detect,
     sample_size,

@@ -6,7 +6,7 @@ from functools import partial
 
 import pandas as pd
 
-from midnet_bench.analysis.claims import Claim, Finding, comparison, findings
+from midnet_bench.analysis.compare import Claim, Finding, comparison, findings
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
 from midnet_bench.analysis.tables import Cell, Table, team_in_words
@@ -26,8 +26,8 @@ from midnet_bench.experiments.detection.tables import (
     paper_of,
     window_notes,
 )
-from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.tables import METRICS, metric_tables
+from midnet_bench.experiments.registry import Headline
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3

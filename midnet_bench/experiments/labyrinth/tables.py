@@ -9,10 +9,9 @@ from weakref import WeakKeyDictionary
 
 import pandas as pd
 
-from midnet_bench.analysis.claims import Finding, comparison, finding
-from midnet_bench.analysis.compare import MEASURE, SCOPE
+from midnet_bench.analysis.compare import MEASURE, SCOPE, Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.power import ALPHA, POWER, pilot_note, power_cells
+from midnet_bench.analysis.sample_size import ALPHA, POWER, pilot_note, power_cells
 from midnet_bench.analysis.statistics import (
     NOT_NEGATIVE,
     SHARE_METHOD,
@@ -26,8 +25,8 @@ from midnet_bench.analysis.statistics import (
 )
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.tables import metric_measures, metric_tables
+from midnet_bench.experiments.registry import Headline
 
 GUARD, INTRUDER = "guard", "intruder"
 CELL = ["intruders", "robots"]

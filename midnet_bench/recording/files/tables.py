@@ -11,8 +11,7 @@ import numpy as np
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Floats, Pose2D
-from midnet_bench.io.scan_logs import ScanLog, is_number, numbers, parse_log, read_lines
-from midnet_bench.io.trajectory import clock_fault
+from midnet_bench.io.scan_logs import ScanLog, clock_fault, is_number, numbers, parse_log, read_lines
 from midnet_bench.recording.files.readings import (
     NS,
     POSE,
