@@ -53,6 +53,20 @@ def full_disk(small_disk: Path) -> Path:
     return small_disk
 
 
+@pytest.fixture
+def trials_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Campaigns start no workers: their trials run one by one in this process, and none may fail."""
+    from midnet_bench.campaign.pool import LokyPool
+    from midnet_bench.campaign.trial import Outcome, encode_tables
+
+    def outcomes(pool: LokyPool, run_trials: Any, groups: Any, *bounds: Any) -> Iterator[Outcome]:
+        for group in groups:
+            for spec, result in zip(group, run_trials(group), strict=True):
+                yield Outcome(spec.trial_id, 1.0, result.simulated_s, encode_tables(result))
+
+    monkeypatch.setattr(LokyPool, "outcomes", outcomes)
+
+
 def campaign_folder(directory: Path, **campaign: Any) -> Path:
     """``directory`` with a campaign's store and CSV files; its trials run one by one in this process."""
     from midnet_bench.campaign.definition import Campaign, resolve

@@ -1,19 +1,24 @@
 """Wrong programs that a test must notice: ``python -m tests.mutants`` prints which test notices which.
 
-A mutant is one changed line of the package, tried in a copy of the checkout's package and tests.
+A mutant is one changed line of the package. It is imported in a forked process, where its test runs; no file
+is changed, and machine code that is kept stays what it was.
 """
 
+import importlib
 import os
-import shutil
-import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
+from types import CodeType
 
-REPOSITORY = Path(__file__).parents[1]
-TESTS_FAILED = 1
-"""pytest's exit code when tests ran and some failed; a broken import or an unknown test is another"""
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "midnet_bench"
+LIBRARIES = ("cv2", "joblib", "matplotlib.figure", "numba", "pandas", "pydantic", "scipy.optimize")
+"""what every process would import for itself"""
 
 
 @dataclass(frozen=True)
@@ -25,8 +30,21 @@ class Mutant:
     old: str  # stands there exactly once
     new: str
     test: str  # below ``tests/``
-    compiled: bool = True
-    """whether loops are compiled; in a copy with another source of machine code that takes a minute"""
+
+    @property
+    def module(self) -> str:
+        """The module's name."""
+        return f"midnet_bench.{self.file.removesuffix('.py').replace('/', '.')}"
+
+    @property
+    def source(self) -> str:
+        """The changed module. Raises ValueError if the line is not there, or if a loop could keep it."""
+        text = (PACKAGE / self.file).read_text(encoding="utf-8")
+        if text.count(self.old) != 1:
+            raise ValueError(f"not exactly once in {self.file}: {self.old}")
+        if "njit" in text:
+            raise ValueError(f"{self.file} has compiled loops, which would be kept")
+        return text.replace(self.old, self.new)
 
 
 MUTANTS = [
@@ -36,7 +54,6 @@ MUTANTS = [
         "obstacle_range_m: float = option(\n        2.5,",
         "obstacle_range_m: float = option(\n        2.6,",
         "experiments/test_experiments_usable_range.py::test_usable_range_is_two_and_a_half_metres_by_default",
-        compiled=False,
     ),
     Mutant(
         "who is in range is told by a constant, not by obstacle_range_m",
@@ -58,7 +75,6 @@ MUTANTS = [
         "STUCK_AFTER_S = 5.0",
         "STUCK_AFTER_S = 8.0",
         "simulation/test_simulation_fleet.py::test_a_stand_counts_from_five_seconds_on",
-        compiled=False,
     ),
     Mutant(
         "Eq. 11 counts who was detected, not who was caught",
@@ -86,53 +102,81 @@ MUTANTS = [
 ]
 
 
-def killed_by(mutant: Mutant, folder: Path) -> list[str]:
-    """The tests that fail with ``mutant`` in a copy of the package in ``folder``; none if it lives.
+class Mutated(SourceFileLoader):
+    """Loads a mutant instead of its module."""
 
-    Raises:
-        ValueError: the text to change does not stand exactly once in its file, or the tests did not run.
-    """
-    for part in ("midnet_bench", "tests", "campaigns", "results", "docs"):
-        if (REPOSITORY / part).is_dir():
-            shutil.copytree(REPOSITORY / part, folder / part)
-    shutil.copy(REPOSITORY / "pyproject.toml", folder)
-    source = folder / "midnet_bench" / mutant.file
-    text = source.read_text(encoding="utf-8")
-    if text.count(mutant.old) != 1:
-        raise ValueError(f"{mutant.name}: not exactly once in {mutant.file}: {mutant.old}")
-    source.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", f"tests/{mutant.test}", "-x", "-q", "--tb=no", "-rf"]
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")}
-    if not mutant.compiled:
-        environment["NUMBA_DISABLE_JIT"] = "1"
-    done = subprocess.run(
-        [*command, "-p", "no:cacheprovider", "-p", "no:xdist", f"--basetemp={folder / 'tmp'}"],
-        cwd=folder,
-        env={**environment, "PYTHONPATH": str(folder)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    if done.returncode not in (0, TESTS_FAILED):
-        raise ValueError(f"{mutant.name}: the tests did not run:\n{done.stdout}{done.stderr}")
-    failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("FAILED ")]
-    if done.returncode == TESTS_FAILED and not failed:
-        raise ValueError(f"{mutant.name}: no test failed, but one could not begin:\n{done.stdout}")
-    return failed
+    def __init__(self, mutant: Mutant) -> None:
+        super().__init__(mutant.module, str(PACKAGE / mutant.file))
+        self.mutant = mutant
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: object = None
+    ) -> ModuleSpec | None:
+        """The place of a module, for ``sys.meta_path``."""
+        spec = PathFinder.find_spec(name, path) if name == self.mutant.module else None
+        if spec is not None:
+            spec.loader = self
+        return spec
+
+    def get_code(self, fullname: str) -> CodeType:
+        """What is executed."""
+        return compile(self.mutant.source, self.path, "exec")
+
+
+class Failures:
+    """A plug-in of pytest: the tests that failed, and those that could not begin."""
+
+    def __init__(self) -> None:
+        self.failed: list[str] = []
+        self.unable: list[str] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note it."""
+        if report.failed:
+            (self.failed if report.when == "call" else self.unable).append(report.nodeid)
+
+
+def killers(mutant: Mutant) -> str:
+    """The tests that fail with ``mutant``, or ``LIVES`` and why; run in a process of its own."""
+    try:
+        mutant.source  # noqa: B018 - whether it is one
+    except ValueError as error:
+        return f"LIVES: {error}"
+    sys.meta_path.insert(0, Mutated(mutant))
+    found = Failures()
+    options = ["-x", "-q", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    with tempfile.TemporaryDirectory() as folder:
+        pytest.main([f"tests/{mutant.test}", *options, f"--basetemp={folder}/tmp"], [found])
+    if mutant.module not in sys.modules:
+        return "LIVES: its test does not import it"
+    return ", ".join(found.failed) or f"LIVES: {'; '.join(found.unable) or 'no test failed'}"
+
+
+def in_a_fork(mutant: Mutant) -> str:
+    """The same, from a forked process."""
+    reading, writing = os.pipe()
+    if not (pid := os.fork()):
+        try:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.write(writing, killers(mutant).encode())
+        finally:
+            os._exit(0)
+    os.close(writing)
+    with open(reading, encoding="utf-8") as file:
+        said = file.read()
+    os.waitpid(pid, 0)
+    return said or "LIVES: its process died"
 
 
 def main() -> int:
     """Print the table; 1 if a mutant lives."""
-    lives = False
-    for mutant in MUTANTS:
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                said = ", ".join(killed_by(mutant, Path(folder))) or "LIVES"
-            except ValueError as error:
-                said = f"LIVES: {str(error).splitlines()[0]}"
-        lives |= said.startswith("LIVES")
-        print(f"{mutant.name:62} {said}", flush=True)
-    return int(lives)
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    os.chdir(PACKAGE.parent)
+    table = {mutant.name: in_a_fork(mutant) for mutant in MUTANTS}
+    for name, said in table.items():
+        print(f"{name:62} {said}")
+    return int(any(said.startswith("LIVES") for said in table.values()))
 
 
 if __name__ == "__main__":

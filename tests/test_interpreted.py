@@ -4,9 +4,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tests.conftest import campaign_folder
+
+REPOSITORY = Path(__file__).parents[1]
 ROOM = """
 name: Room
 plane_m: [3.6, 3.6]
@@ -19,51 +23,49 @@ robots: {center_m: [-0.6, 0], spacing_m: 0.6}
 mobile_intruders: {count: 1}
 """
 """a tenth of Map 2: most of Python's time goes into the cost of each cell"""
-TRIALS = {
-    "detection": "--arena room.yaml --set prior_map=exact --engine fast --frames 1 --robots 2",
-    "labyrinth": "--arena room.yaml --set prior_map=exact --engine fast --robots 1 --intruders 1 --seeds 1 "
-    "--set time_limit_s=0.15 --set escape_distance_m=0.5",
-    "map": "room.yaml --engine fast --set time_limit_s=0.25",
+TRIALS: dict[str, dict[str, Any]] = {
+    "detection": {"prior_map": "exact", "frames": 1, "robots": 2},
+    "labyrinth": {
+        "prior_map": "exact",
+        "robots": 1,
+        "intruders": 1,
+        "time_limit_s": 0.15,
+        "escape_distance_m": 0.5,
+    },
+    "mapping": {"time_limit_s": 0.25, "robots": 1},
 }
-"""command -> arguments of trials of tenths of a second"""
-
-
+"""experiment -> parameters of a trial of tenths of a second"""
 TIMES = ("timing.csv", "labyrinth_speed.csv")
-RUN = """
-import sys
-from midnet_bench.cli import main
-for line in sys.argv[1:]:
-    sys.argv = ["midnet-bench", *line.split()]
-    try:
-        main()
-    except SystemExit as ended:
-        if ended.code:
-            raise
-"""
-"""commands one after the other in one process"""
 
 
-def tables_of(folder: Path, **variables: str) -> dict[str, bytes]:
-    """The CSV files that a process writes, by their paths, but for those of measured times."""
-    folder.mkdir()
+def run_trials(folder: Path) -> None:
+    """A trial of each experiment in a small room, its tables as CSV files in a folder of ``folder``."""
     (folder / "room.yaml").write_text(ROOM)
-    lines = [f"{command} {arguments} -q -o {command}" for command, arguments in TRIALS.items()]
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *lines],
-        env={**os.environ, **variables},
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "Warning" not in done.stderr
+    for name, trial in TRIALS.items():
+        parameters = {"arena": str(folder / "room.yaml"), "engine": "fast", **trial}
+        campaign_folder(folder / name, experiment=name, parameters=parameters, trials=1)
+
+
+def tables_in(folder: Path) -> dict[str, bytes]:
+    """The CSV files below ``folder`` by their paths, but for those of measured times."""
     files = [path for path in folder.rglob("*.csv") if path.name not in TIMES]
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 @pytest.mark.slow
 def test_trials_have_the_same_bytes_without_the_compiler(tmp_path: Path) -> None:
-    compiled = tables_of(tmp_path / "compiled")
+    for name in ("compiled", "interpreted"):
+        (tmp_path / name).mkdir()
+    run_trials(tmp_path / "compiled")
+    code = "import sys, pathlib, tests.test_interpreted as t; t.run_trials(pathlib.Path(sys.argv[1]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "interpreted"],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    compiled = tables_in(tmp_path / "compiled")
     assert {name.partition("/")[0] for name in compiled} == set(TRIALS)
-    assert not [name for name in compiled if name.endswith("failures.csv")]
-    assert tables_of(tmp_path / "interpreted", NUMBA_DISABLE_JIT="1") == compiled
+    assert tables_in(tmp_path / "interpreted") == compiled
