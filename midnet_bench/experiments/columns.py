@@ -48,7 +48,7 @@ COUNTS = {  # as ``scoring.frame_counts.FrameCounts`` has them
         drift=FEW,
     ),
 }
-CAUSES = {  # as ``scoring.causes.Causes`` has them
+CAUSES = {  # as ``scoring.frame_counts.Causes`` has them
     "fn_hidden": _event(
         "of `fn`: no beam of any guard meets the intruder within range at the frame's instant"
     ),
@@ -150,7 +150,7 @@ RECORDED = Columns(  # as ``guarded.record.RecordedFrame`` has them
 )
 
 
-ERRORS = Columns(  # as ``guarded.record.Recorder`` has them
+ERRORS = Columns(  # as ``guarded.recorder.Recorder`` has them
     {
         "frame": FRAME,
         "kind": Column(

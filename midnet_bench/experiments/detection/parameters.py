@@ -70,12 +70,12 @@ class DetectionParameters(GuardParameters):
 
 def simulation_key(parameters: DetectionParameters) -> DetectionParameters:
     """What the world moves by: the parameters without those of detector, fusion and scoring."""
-    scoring = ("in_range", "require_line_of_sight", "tp_boxes", "truth_box", "metrics")
-    return guarded.simulation_key(parameters, scoring)
+    scoring = ("record", "oracle", "in_range", "require_line_of_sight", "tp_boxes", "truth_box", "metrics")
+    return guarded.with_defaults(parameters, (*guarded.DETECTION_ONLY, *scoring))
 
 
 def result_key(parameters: DetectionParameters) -> DetectionParameters:
-    """What a trial's numbers depend on; see :func:`parameters.result_key`."""
+    """What a trial's numbers depend on; see :func:`guarded.parameters.result_key`."""
     # an inflated true box reaches as far as the threshold has it, whatever cells there are
     is_inflated = parameters.truth_box == "inflated"
     return guarded.result_key(parameters, is_inflated, require_line_of_sight=not parameters.counts_hidden)

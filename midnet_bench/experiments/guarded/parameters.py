@@ -1,6 +1,6 @@
 """What the detection and the labyrinth test let a user set, and which of it a trial's numbers depend on."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal, Self, TypeVar
@@ -57,7 +57,7 @@ five robots, with the causes of errors counted; ``mujoco`` without them.
 """
 AnySettings = TypeVar("AnySettings", bound=Any)
 DETECTION_ONLY = ("detector", "fusion", "deflate_boxes", "preset", "prior", "costmap", "midnet")
-"""parameters that no robot drives by, unless it drives by what is detected"""
+"""parameters that no robot drives by, unless what is detected moves it"""
 ALLIES_ONLY = ("ally_diameter_m", "iou_ally", "ally_remove", "iou_fuse")
 """MIDNet's settings without a use in a team of one"""
 GRIDS_ONLY = ("align", "min_area_cells", "min_returns")
@@ -381,14 +381,6 @@ Guarded = TypeVar("Guarded", bound=GuardParameters)
 def with_defaults(settings: AnySettings, names: Iterable[str]) -> AnySettings:
     """The settings with those of these names at their defaults."""
     return settings.but(**{name: getattr(type(settings), name) for name in names})
-
-
-def simulation_key(parameters: Guarded, names: Sequence[str] = ()) -> Guarded:
-    """What the robots' motion depends on, where detections move no robot.
-
-    ``names``: of further parameters that have no part in it.
-    """
-    return with_defaults(parameters, (*DETECTION_ONLY, "record", "oracle", *names))
 
 
 def result_key(parameters: Guarded, keep_thresh_local: bool = False, **changes: Any) -> Guarded:
