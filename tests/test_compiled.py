@@ -104,25 +104,18 @@ def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package
     (package / "numbers.py").write_text("FACTOR = 9.0\n")
     assert product(package, kept) == "11.0"
 
+    # back again, with sources that no loop uses, and in another folder than the first
     below.write_text(BELOW)
     (package / "numbers.py").write_text("FACTOR = 3.0\n")
-    before = compiled_files(kept)
-    assert product(package, kept) == "6.0"
-    assert compiled_files(kept) == before  # the first machine code was found again
-
-
-@pytest.mark.slow
-def test_another_folder_or_sources_that_no_loop_uses_cost_no_compilation(package: Path, kept: Path) -> None:
-    before = compiled_files(kept)  # of another folder
     (package / "cli").mkdir()
     (package / "cli" / "other.py").write_text("x = 1\n")
-    product(package, kept)
-    assert before
+    before = compiled_files(kept)
+    assert product(package, kept) == "6.0"
     assert compiled_files(kept) == before
 
 
 @pytest.mark.slow
-def test_each_compilation_is_counted_and_a_loop_that_is_kept_is_not(package: Path, tmp_path: Path) -> None:
+def test_each_compilation_is_counted_and_a_loop_that_is_kept_is_not(package: Path, kept: Path) -> None:
     more = (
         "import numpy\n"
         "calls = []\n"
@@ -130,9 +123,9 @@ def test_each_compilation_is_counted_and_a_loop_that_is_kept_is_not(package: Pat
         "product(2.0); before = len(calls); product(numpy.ones(2))\n"
         "print(before, len(calls))"
     )
-    first = product(package, tmp_path / "kept", more).split()
+    first = product(package, kept, more).split()
     assert first == ["6.0", "0", "2"]  # the second signature of both loops
-    again = product(package, tmp_path / "kept", more).split()
+    again = product(package, kept, more).split()
     assert again == ["6.0", "0", "0"]
 
 
@@ -158,32 +151,43 @@ def test_without_a_folder_that_can_be_written_a_temporary_one_goes_with_the_proc
     assert list(temporary.iterdir()) == []
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
 @pytest.mark.parametrize(
     ("which", "mode"), [("root", 0o777), ("root", 0o1777), ("root", 0o720), ("digest", 0o720)]
 )
-def test_machine_code_that_others_could_have_written_is_not_run(
-    which: str, mode: int, package: Path, tmp_path: Path
+def test_a_folder_that_others_can_write_is_not_taken(
+    which: str, mode: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     kept = tmp_path / "kept"
-    kept.mkdir(mode=0o700)
-    more = "print(compiled.folder(), compiled.digest())"
-    opened = kept
-    if which == "digest":
-        opened = kept / product(package, kept, more).split()[-1]
-        for path in compiled_files(kept):
-            path.write_bytes(b"planted")
+    opened = kept if which == "root" else kept / compiled.digest()
+    opened.mkdir(parents=True)
+    kept.chmod(0o700)
     opened.chmod(mode)
-    before = compiled_files(kept)
-    done, told = said(package, kept, more)
-    assert done.split()[0] == "6.0"
-    assert not Path(done.split()[1]).is_relative_to(kept)
-    assert [line.partition(":")[0] for line in told.splitlines()] == [str(opened)]
-    assert compiled_files(kept) == before
+    monkeypatch.setenv(compiled.VARIABLE, str(kept))
+    found = compiled.folder.__wrapped__()
+    assert not found.is_relative_to(kept)
+    assert [record.getMessage().partition(":")[0] for record in caplog.records] == [str(opened)]
+    assert list(opened.iterdir()) == []
     opened.chmod(0o700)
-    if which == "root":
-        assert Path(product(package, kept, more).split()[1]).stat().st_mode & 0o777 == 0o700
+    monkeypatch.setenv(compiled.VARIABLE, str(kept))
+    found = compiled.folder.__wrapped__()
+    assert found == kept / compiled.digest()
+    assert found.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_machine_code_that_others_could_have_written_is_not_run(package: Path, kept: Path) -> None:
+    (folder,) = kept.iterdir()
+    for path in compiled_files(kept):
+        path.write_bytes(b"planted")
+    folder.chmod(0o720)
+    before = compiled_files(kept)
+    printed, told = said(package, kept)
+    assert printed == "6.0"
+    assert [line.partition(":")[0] for line in told.splitlines()] == [str(folder)]
+    assert compiled_files(kept) == before
+    assert {path.read_bytes() for path in before} == {b"planted"}
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="root alone gives files away")
@@ -212,14 +216,14 @@ def test_nowhere_to_write_is_said_once_and_changes_nothing(
 
 
 @pytest.mark.slow
-def test_numba_takes_nothing_from_the_working_folder(package: Path, tmp_path: Path) -> None:
+def test_numba_takes_nothing_from_the_working_folder(package: Path, kept: Path, tmp_path: Path) -> None:
     hostile = tmp_path / "hostile"
     hostile.mkdir()
     trap = tmp_path / "trap"
     (hostile / ".numba_config.yaml").write_text(f"cache_dir: {trap}\nopt: nonsense\ndisable_jit: 1\n")
-    kept = tmp_path / "kept"
+    before = compiled_files(kept)
     more = "import numba; print(numba.config.DISABLE_JIT, type(product).__name__)"
     told = product(package, kept, more, cwd=hostile)
     assert told.split() == ["6.0", "0", "CPUDispatcher"]
     assert not trap.exists()
-    assert compiled_files(kept)
+    assert compiled_files(kept) == before != set()

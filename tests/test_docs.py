@@ -217,8 +217,11 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytes
     from nbclient import NotebookClient
 
     monkeypatch.setenv("PYTHONPATH", str(DOCS.parent))
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")  # of the campaigns' workers, each of which costs seconds
     notebook = nbformat.read(DOCS / "midnet_bench.ipynb", as_version=4)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.outputs or cell.source.startswith("import") for cell in cells[:-1])
+    for cell in cells:
+        cell.source = re.sub(r"frames=\d+", "frames=4", cell.source).replace("seeds=3", "seeds=2")
     NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert not [output for cell in cells for output in cell.outputs if output.output_type == "error"]

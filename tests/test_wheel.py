@@ -50,11 +50,6 @@ def run(program: Path, *arguments: object, folder: Path) -> subprocess.Completed
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_package_comes_from_the_wheel(installed: Path, tmp_path: Path) -> None:
-    done = run(installed / "python", "-c", "import midnet_bench as m; print(m.__file__)", folder=tmp_path)
-    assert Path(done.stdout.strip()).is_relative_to(installed.parent), done.stdout + done.stderr
-
-
 def test_every_campaign_is_there(installed: Path, tmp_path: Path) -> None:
     done = run(installed / "midnet-bench", "run", "--json", folder=tmp_path)
     assert list(json.loads(done.stdout)) == sorted(
@@ -62,42 +57,52 @@ def test_every_campaign_is_there(installed: Path, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "detection --frames 2 --robots 1",
-        "labyrinth --trials 1 --robots 1 --intruders 1 --set time_limit_s=2",
-        "run readings -n",
-        "parameters labyrinth",
-        "map map1 --exact",
-    ],
+LINES = (
+    "detection --frames 2 --robots 1 --jobs 1",
+    "labyrinth --trials 1 --robots 1 --intruders 1 --set time_limit_s=2 --jobs 1",
+    "run readings -n",
+    "parameters labyrinth",
+    "map map1 --exact",
+    "compare --exact --update smoke-detection",
 )
-def test_a_command_runs_in_an_empty_folder(line: str, installed: Path, tmp_path: Path) -> None:
-    done = run(installed / "midnet-bench", *line.split(), folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
+SAY = """
+import contextlib, io, json, pathlib, sys
+import midnet_bench
+from midnet_bench.cli import main
+from midnet_bench.io.files import shipped_folder
+
+def said(line):
+    sys.argv, out, code = ["midnet-bench", *line.split()], io.StringIO(), 0
+    try:
+        with contextlib.redirect_stdout(out):
+            main()
+    except SystemExit as ended:
+        code = ended.code or 0
+    return [code, out.getvalue()]
+
+def shipped(name):
+    return sorted(path.name for path in shipped_folder(f"golden/{name}", "").iterdir())
+
+pathlib.Path("smoke-detection").mkdir()
+golden = [shipped("smoke-detection"), shipped("smoke-labyrinth")]
+print(json.dumps([midnet_bench.__file__, golden, [said(line) for line in sys.argv[1:]]]))
+"""
 
 
-def test_expected_numbers_are_updated_in_a_checkout_only(installed: Path, tmp_path: Path) -> None:
-    (tmp_path / "smoke-detection").mkdir()
-    done = run(
-        installed / "midnet-bench", "compare", "--exact", "--update", "smoke-detection", folder=tmp_path
-    )
-    assert (done.returncode, "checkout" in done.stderr) == (2, True)
-
-
-def test_the_expected_numbers_of_smoke_are_there(installed: Path, tmp_path: Path) -> None:
-    code = (
-        "from pathlib import Path\n"
-        "from midnet_bench.io.files import shipped_folder\n"
-        "for name in ('smoke-detection', 'smoke-labyrinth'):\n"
-        "    print(*sorted(p.name for p in shipped_folder(f'golden/{name}', '').iterdir()))"
-    )
-    done = run(installed / "python", "-c", code, folder=tmp_path)
-    assert done.stdout.splitlines() == [
-        "platform.json robots.csv scores.csv",
-        "intruders.csv platform.json robots.csv trial.csv",
-    ], done.stderr
+def test_commands_run_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
+    done = run(installed / "python", "-c", SAY, *LINES, folder=tmp_path)
+    file, golden, said = json.loads(done.stdout)
+    assert Path(file).is_relative_to(installed.parent)
+    assert golden == [
+        ["platform.json", "robots.csv", "scores.csv"],
+        ["intruders.csv", "platform.json", "robots.csv", "trial.csv"],
+    ]
+    for line, (code, out) in zip(LINES[:-1], said[:-1], strict=True):
+        assert code == 0, f"{line}: {done.stderr}"
+        assert out, line
+    # expected numbers are updated in a checkout only
+    assert said[-1][0] == 2
+    assert "checkout" in done.stderr
 
 
 def test_every_library_that_the_package_needs_is_pinned() -> None:
