@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
+from midnet_bench.campaign import pool as pools
+from midnet_bench.campaign.trial import Outcome, RunTrials
 from midnet_bench.cli import main
 
 REPOSITORY = Path(__file__).parents[2]
@@ -37,11 +39,16 @@ class Done:
 
 
 def midnet_bench(*arguments: object, folder: Path) -> Done:
-    """``midnet-bench`` in this process, which is as it was afterwards; an escaping exception is a failure."""
+    """``midnet-bench`` in this process, which is as it was afterwards; an escaping exception is a failure.
+
+    Trials run in this process too. Those of a command with ``--jobs`` run in workers.
+    """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="") for _ in range(2))
     argv = ["midnet-bench", *map(str, arguments)]
+    outcomes = pools.LokyPool.outcomes if "--jobs" in argv else _without_workers
     with (
         _process_left_as_it_is(),
+        mock.patch.object(pools.LokyPool, "outcomes", outcomes),
         contextlib.chdir(folder),
         mock.patch.dict(os.environ, {"NO_COLOR": "1"}),
         mock.patch.object(sys, "argv", argv),
@@ -64,6 +71,12 @@ def worked(*arguments: object, folder: Path) -> Done:
     return done
 
 
+def unpainted() -> contextlib.AbstractContextManager[object]:
+    """Figures become empty files meanwhile: to draw one takes longer than all else that a report does."""
+    empty = {".png": b"", ".svg": b""}
+    return mock.patch("midnet_bench.drawing.charts.chart_files", return_value=empty)
+
+
 def in_its_own_process(
     *arguments: object, folder: Path, environment: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
@@ -71,6 +84,17 @@ def in_its_own_process(
     command = [sys.executable, "-m", "midnet_bench", *map(str, arguments)]
     variables = {**os.environ, "NO_COLOR": "1", "PYTHONPATH": str(REPOSITORY), **(environment or {})}
     return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=300)
+
+
+def _without_workers(
+    pool: object, run_trials: RunTrials, groups: Iterator[pools.Group], limit_s: float, one_at_a_time: bool
+) -> Iterator[Outcome]:
+    """As the pool does it, in this process."""
+    for group in groups:
+        # a trial's time limit would take the place of the test's own
+        with mock.patch.object(pools, "_time_limit", return_value=contextlib.nullcontext()):
+            outcomes = pools.attempt(run_trials, group, limit_s)
+        yield from outcomes
 
 
 @contextlib.contextmanager

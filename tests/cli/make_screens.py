@@ -7,7 +7,7 @@ from pathlib import Path
 from unittest import mock
 
 from midnet_bench.cli.app import PANELS
-from tests.cli.command import midnet_bench
+from tests.cli.command import midnet_bench, unpainted
 from tests.stores import detection_store, labyrinth_store
 
 FOLDER = Path(__file__).parent / "screens"
@@ -41,7 +41,8 @@ def screens() -> Iterator[tuple[str, str]]:
             folder / "labyrinth" / "campaign.sqlite", lambda k, n, seed: min(k, n + seed % 2), seeds=5
         ).close()
         for name, arguments in (commands | RESULTS).items():
-            done = midnet_bench(*arguments, folder=folder)
+            with unpainted():
+                done = midnet_bench(*arguments, folder=folder)
             lines = [line.rstrip() for line in (done.stdout + done.stderr).splitlines()]
             yield name, "\n".join(lines).strip("\n") + "\n"
 

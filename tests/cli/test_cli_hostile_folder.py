@@ -19,7 +19,7 @@ TRAP = "open({trap!r}, 'w').close()\nraise SystemExit('a file of the working fol
 CAMPAIGN = """
 experiment: labyrinth
 grid: {robots: [1, 2]}
-trials: 2
+trials: 1
 parameters: {engine: fast, intruders: 1, time_limit_s: 1, prior_map: exact}
 """
 FILES = {
@@ -61,7 +61,7 @@ def files_in(results: Path) -> dict[str, bytes]:
 def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("elsewhere")
     (folder / "small.yaml").write_text(CAMPAIGN)
-    worked("run", "small.yaml", "--jobs", 2, folder=folder)
+    worked("run", "small.yaml", folder=folder)
     found = files_in(folder / "results" / "small")
     assert any(name.endswith(".svg") for name in found)
     return found

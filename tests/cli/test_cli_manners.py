@@ -16,6 +16,7 @@ from tests.cli.command import (
     in_its_own_process,
     midnet_bench,
     one_line_of_complaint,
+    unpainted,
     worked,
 )
 
@@ -69,13 +70,15 @@ def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_p
     as_json = worked(*TINY, "--json", folder=tmp_path)
     assert json.loads(as_json.stdout)
     assert "Open" not in as_json.stderr
-    again = worked("report", "results/detection", folder=tmp_path)
+    with unpainted():
+        again = worked("report", "results/detection", folder=tmp_path)
     assert again.stderr == "Open results/detection/report.html\n"
 
 
 @pytest.mark.slow
 def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:
-    done = worked(*TINY, "--seeds", 2, "-v", "--log-file", "logs/run.txt", folder=tmp_path)
+    with unpainted():
+        done = worked(*TINY, "--seeds", 2, "-v", "--log-file", "logs/run.txt", folder=tmp_path)
     lines = (tmp_path / "logs" / "run.txt").read_text().splitlines()
     for text in (done.stderr.splitlines(), lines):
         assert sum(" finished after " in line for line in text) == 2
@@ -95,20 +98,8 @@ def test_a_log_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "results").exists()
 
 
-def completed(line: str, folder: Path) -> list[str]:
-    """What bash offers at the end of a command line."""
-    environment = {
-        "_MIDNET_BENCH_COMPLETE": "complete_bash",
-        "COMP_WORDS": line,
-        "COMP_CWORD": str(len(line.split(" ")) - 1),
-    }
-    done = in_its_own_process(folder=folder, environment=environment)
-    assert done.stderr == ""
-    return done.stdout.split()
-
-
 @pytest.mark.slow
-def test_the_shell_completes_names(tmp_path: Path) -> None:
+def test_the_shell_completes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("results/mine", "results/not-a-campaign", "elsewhere/other"):
         (tmp_path / name).mkdir(parents=True)
     (tmp_path / "results/mine/campaign.sqlite").touch()
@@ -123,7 +114,11 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
         ("report elsewhere/o", "elsewhere/other"),
         ("labyrinth --set escape_", "escape_distance_m= escape_at= escape_radius_m="),
     ):
-        assert completed(f"midnet-bench {line}", tmp_path) == offered.split()
+        words = {"COMP_WORDS": f"midnet-bench {line}", "COMP_CWORD": str(len(line.split(" ")))}
+        for name, value in {"_MIDNET_BENCH_COMPLETE": "complete_bash", **words}.items():
+            monkeypatch.setenv(name, value)
+        done = (in_its_own_process if line == "ver" else midnet_bench)(folder=tmp_path)
+        assert (done.stdout.split(), done.stderr) == (offered.split(), "")
 
 
 def test_help_leaves_out_options_that_the_command_refuses(tmp_path: Path) -> None:

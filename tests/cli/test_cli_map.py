@@ -83,59 +83,44 @@ def test_an_exploration_is_drawn(explored: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_exploration_is_filmed_in_real_time(tmp_path: Path) -> None:
+def test_an_exploration_is_filmed_in_real_time_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     write_arena(tmp_path)
-    run = ("map", "rooms.yaml", "--robots", 2, "--set", "time_limit_s=4")
-    for options in (("-o", "filmed"), ("-o", "alone", "--no-clip")):
-        worked(*run, *options, folder=tmp_path)
+    run = ("map", "rooms.yaml", "--robots", 2, "--set", "time_limit_s=3")
+    worked(*run, "-o", "filmed", folder=tmp_path)
     folder = tmp_path / "filmed"
-    assert (folder / "map.pgm").read_bytes() == (tmp_path / "alone" / "map.pgm").read_bytes()
     film = cv2.VideoCapture(str(folder / "growth.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 1280
     seconds = film.get(cv2.CAP_PROP_FRAME_COUNT) / film.get(cv2.CAP_PROP_FPS)
     (score,) = rows(folder / "scores.csv")
     assert seconds == pytest.approx(float(score["time_s"]) - 1.0 + 2.0, abs=0.5)  # and the end
 
-
-@pytest.mark.slow
-def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
-    folder = explored.parent
-    run = ("map", "rooms.yaml", "--robots", 2, "--no-clip", "--json")
-    done = worked(*run, "-o", "again.yaml", folder=folder)
-    told = json.loads(done.stdout)
+    told = json.loads(worked(*run, "--no-clip", "--json", "-o", "again.yaml", folder=tmp_path).stdout)
     assert told["tables"]["scores"][0]["robots"] == 2
     assert told["tables"]["scores"][0]["merge_confidence"] is None
     assert "again_growth.png" in told["files"]
-    assert not (folder / "again_growth.mp4").exists()
-    for one, other in (
-        ("map.pgm", "again.pgm"),
-        ("map.png", "again.png"),
-        ("growth.png", "again_growth.png"),
-    ):
-        assert (explored / one).read_bytes() == (folder / other).read_bytes()
-    for name in ("scores.csv", "robots.csv", "configuration.json"):
-        assert (explored / name).read_bytes() == (folder / f"again_{name}").read_bytes()
+    assert not (tmp_path / "again_growth.mp4").exists()
+    pairs = {"map.pgm": "again.pgm", "map.png": "again.png"}
+    pairs |= {
+        name: f"again_{name}" for name in ("growth.png", "scores.csv", "robots.csv", "configuration.json")
+    }
+    for one, other in pairs.items():
+        assert (folder / one).read_bytes() == (tmp_path / other).read_bytes(), one
 
 
 @pytest.mark.slow
 def test_a_campaigns_trial_is_the_exploration_of_that_seed(explored: Path) -> None:
     folder = explored.parent
-    (folder / "teams.yaml").write_text(
-        "experiment: mapping\ngrid: {robots: [1, 2]}\nparameters: {arena: rooms.yaml}\n"
-    )
-    done = worked("run", "teams.yaml", "--jobs", 2, "-o", "teams", folder=folder)
-    assert "Best maps" in done.stdout
-    _, team = rows(folder / "teams" / "maps.csv")
-    (alone,) = rows(explored / "scores.csv")
-    assert {name: alone[name] for name in ("coverage", "wall_error_m", "time_s", "distance_m")} == {
-        name: team[name] for name in ("coverage", "wall_error_m", "time_s", "distance_m")
-    }
-    assert (folder / "teams" / "mapping.png").exists()
+    teams = "experiment: mapping\ngrid: {robots: [2]}\ntrials: 1\nparameters: {arena: rooms.yaml}\n"
+    (folder / "teams.yaml").write_text(teams)
+    assert "Best maps" in worked("run", "teams.yaml", "-o", "teams", folder=folder).stdout
+    (team,), (alone,) = rows(folder / "teams" / "maps.csv"), rows(explored / "scores.csv")
+    for name in ("coverage", "wall_error_m", "time_s", "distance_m"):
+        assert team[name] == alone[name]
 
 
 @pytest.mark.slow
 def test_guards_take_an_explored_map(explored: Path) -> None:
-    run = ("detection", "--arena", "rooms.yaml", "--frames", 5, "--robots", 1, "-o", "detection")
+    run = ("detection", "--engine", "fast", "--arena", "rooms.yaml", "--frames", 2, "-o", "detection")
     worked(*run, "--map", "out/map.yaml", folder=explored.parent)
 
 
@@ -176,7 +161,7 @@ def test_the_exact_map_is_a_pair_that_detection_takes(tmp_path: Path) -> None:
     assert (load_map(tmp_path / "m_binary.yaml").data == 100).sum() > (
         load_map(tmp_path / "m.yaml").data == 100
     ).sum()
-    run = ("detection", "--frames", 5, "--robots", 1)
+    run = ("detection", "--engine", "fast", "--frames", 5, "--robots", 1)
     worked(*run, "--map", "m.yaml", "-o", "mapped", folder=tmp_path)
     worked(*run, "--set", "prior_map=exact", "-o", "exact", folder=tmp_path)
     scores = [(tmp_path / out / "scores.csv").read_bytes() for out in ("mapped", "exact")]
@@ -233,11 +218,8 @@ def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path)
 def test_a_log_is_mapped_by_graph_slam_unless_gmapping_is_asked_for(tmp_path: Path) -> None:
     square_room_log(tmp_path / "run.log")
     used = {}
-    for name, arguments in {
-        "default": (),
-        "graph": ("--slam", "graph"),
-        "old": ("--slam", "gmapping"),
-    }.items():
+    slams: dict[str, tuple[str, ...]] = {"default": (), "graph": ("--slam", "graph")}
+    for name, arguments in {**slams, "old": ("--slam", "gmapping")}.items():
         worked("map", "--from-log", "run.log", "--no-clip", *arguments, "-o", name, folder=tmp_path)
         used[name] = json.loads((tmp_path / name / "configuration.json").read_text())
         assert len(np.loadtxt(tmp_path / name / "trajectory.tum")) >= 4

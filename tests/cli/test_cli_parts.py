@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.analysis.frames import load_results
-from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, worked
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, unpainted, worked
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
 MINE = '''
@@ -74,7 +74,7 @@ OWN_NAMES = (
     "counts.py:Boxes",
 )
 OWN = (
-    *("detection", "--frames", "5", "--robots", "2", "--seeds", "3", "--jobs", "1", "-q", "--metric", "ospa"),
+    *("detection", "--frames", "5", "--robots", "2", "--seeds", "3", "-q", "--metric", "ospa"),
     *("--engine", "stub.py:World", "--robot-model", "robot.py:ROBOT", "--metric", "counts.py:Boxes"),
     *("--detector", "mine.py:Returns(away_m=0.4)", "--fusion", "mine.py:Largest"),
 )
@@ -98,7 +98,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a campaign in which each part is of one's own."""
     place = tmp_path_factory.mktemp("parts")
     write_parts(place)
-    worked(*OWN, "-o", "whole", folder=place)
+    with unpainted():
+        worked(*OWN, "-o", "whole", folder=place)
     return place / "whole"
 
 
@@ -142,10 +143,10 @@ FAILING = {
 def test_one_that_fails_costs_its_own_trials_and_is_named(point: str, folder: Path) -> None:
     grid, name, reason = FAILING[point]
     stub = (folder / "stub.py").read_text()
-    (folder / "lost.py").write_text(stub.replace("return self.states", "return self.states / 0.0"))
+    (folder / "lost.py").write_text(stub.replace("return self.states", "return self.states * float('nan')"))
     parameters = "{engine: fast, frames: 2, robots: 1}" if point != "engine" else "{frames: 2, robots: 1}"
     (folder / "two.yaml").write_text(f"experiment: detection\ntrials: 1\nparameters: {parameters}\n{grid}\n")
-    done = midnet_bench("run", "two.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    done = midnet_bench("run", "two.yaml", "-o", "out", folder=folder)
     assert done.returncode == 1
     assert len(rows(folder / "out" / "scores.csv")) == 1
     (failure,) = rows(folder / "out" / "failures.csv")
@@ -160,7 +161,8 @@ def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
         "grid:\n  detector: [midnet, mine.py:Returns]\n"
         "  fusion: [paper, components(iou=0.2), mine.py:Largest]\n"
     )
-    worked("run", "both.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    with unpainted():
+        worked("run", "both.yaml", "-o", "out", folder=folder)
     table = rows(folder / "out" / "scores.csv")
     assert len(table) == 6
     fusions = {row["fusion"].partition("#")[0] for row in table}
@@ -173,7 +175,8 @@ def test_metrics_of_ones_own_stand_in_a_grid_and_are_reported(folder: Path) -> N
         "experiment: detection\ntrials: 2\nparameters: {engine: fast, frames: 4, robots: 2}\n"
         "grid:\n  metrics: [none, counts.py:Boxes; ospa, counts.py:Boxes(factor=2)]\n"
     )
-    worked("run", "measured.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    with unpainted():
+        worked("run", "measured.yaml", "-o", "out", folder=folder)
     boxes: dict[tuple[str, str], float] = {
         (row["metrics"], row["seed"]): float(row["value"])
         for row in rows(folder / "out" / "metrics.csv")
@@ -200,7 +203,8 @@ def test_a_pursuit_of_ones_own_stands_in_a_grid_and_one_that_fails_costs_its_own
         "             robots: 3, intruders: 3}\n"
         "grid: {pursuit: [nearest, assignment, mine.py:First(guards=2), mine.py:Lost]}\n"
     )
-    done = midnet_bench("run", "chase.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    with unpainted():
+        done = midnet_bench("run", "chase.yaml", "-o", "out", folder=folder)
     assert done.returncode == 1
     table = rows(folder / "out" / "trial.csv")
     assert [row["pursuit"].partition("#")[0] for row in table] == [
@@ -249,7 +253,7 @@ def stored_trials(directory: Path) -> int:
 
 @pytest.mark.slow
 def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(whole: Path, folder: Path) -> None:
-    command = [sys.executable, "-m", "midnet_bench", *OWN, "-o", "killed"]
+    command = [sys.executable, "-m", "midnet_bench", *OWN, "--jobs", "1", "-o", "killed"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
     deadline_s = time.monotonic() + 120
@@ -260,14 +264,15 @@ def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(whole: Path, fol
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
-    worked(*OWN, "-o", "killed", folder=folder)
+    with unpainted():
+        worked(*OWN, "-o", "killed", folder=folder)
     for table in ("scores.csv", "frames.csv", "metrics.csv"):
         assert (folder / "killed" / table).read_bytes() == (whole / table).read_bytes()
 
 
 @pytest.mark.slow
 def test_a_campaign_runs_on_the_engine_asked_for_and_goes_on_there_alone(tmp_path: Path) -> None:
-    small = ["detection", "--robots", "1", "--frames", "2", "--jobs", "1", "-o", "out", "-q"]
+    small = ["detection", "--robots", "1", "--frames", "2", "-o", "out", "-q"]
     worked(*small, "--engine", "fast", folder=tmp_path)
     assert load_results(tmp_path / "out").definition.parameters["engine"] == "fast"
     other = midnet_bench(*small, folder=tmp_path)

@@ -8,7 +8,7 @@ import pytest
 
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.trial import Outcome, Scalar, TrialSpec
-from tests.cli.command import midnet_bench, one_line_of_complaint, worked
+from tests.cli.command import midnet_bench, one_line_of_complaint, unpainted, worked
 from tests.stores import detection_store, labyrinth_store
 
 SCORES = {1: dict.fromkeys((1, 2), (0.9, 0.5, math.nan))}
@@ -37,7 +37,8 @@ def test_trials_of_two_versions_of_the_code_are_noted_by_each_command_that_reads
         store.record(later, TrialSpec("labyrinth", first.parameters, first.seed), outcome)
     told = "one: note: these trials were run by 2 versions of the code"
     for arguments in (("report", "one"), ("verify", "one"), ("compare", "one", "--by", "robots")):
-        assert told in midnet_bench(*arguments, folder=tmp_path).stderr, arguments
+        with unpainted():
+            assert told in midnet_bench(*arguments, folder=tmp_path).stderr, arguments
     (tmp_path / "one" / "campaign.sqlite").unlink()  # the report's files say it too
     assert told in midnet_bench("verify", "one", folder=tmp_path).stderr
 
