@@ -55,14 +55,14 @@ def full_disk(small_disk: Path) -> Path:
 
 @pytest.fixture
 def trials_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Campaigns start no workers: their trials run one by one in this process, and none may fail."""
-    from midnet_bench.campaign.pool import LokyPool
-    from midnet_bench.campaign.trial import Outcome, encode_tables
+    """Campaigns start no workers: their trials run one by one in this process."""
+    from midnet_bench.campaign.pool import LokyPool, _packed
+    from midnet_bench.campaign.trial import Outcome
 
     def outcomes(pool: LokyPool, run_trials: Any, groups: Any, *bounds: Any) -> Iterator[Outcome]:
         for group in groups:
             for spec, result in zip(group, run_trials(group), strict=True):
-                yield Outcome(spec.trial_id, 1.0, result.simulated_s, encode_tables(result))
+                yield Outcome(spec.trial_id, 1.0, **_packed(result))
 
     monkeypatch.setattr(LokyPool, "outcomes", outcomes)
 

@@ -59,9 +59,9 @@ def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str) ->
             tmp_path, {1: {3: (0.9, 0.5, math.nan), 4: (1 / 3, 0.1, 0.2)}, 5: {3: (0.1, 0.2, 0.3)}}
         )
     elif kind == "labyrinth":
-        labyrinth_store(
-            tmp_path / "campaign.sqlite", lambda k, q, seed: seed % k, seeds=3, failed=(2, 2, 2)
-        ).close()
+        cells: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 2]}
+        store = tmp_path / "campaign.sqlite"
+        labyrinth_store(store, lambda k, q, seed: seed % k, seeds=3, grid=cells, failed=(2, 2, 2)).close()
     else:
         odd_store(tmp_path)
     stored = load_results(tmp_path)
@@ -73,7 +73,7 @@ def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str) ->
             export_csv(store, tmp_path)
         (tmp_path / "configuration.json").write_text(stored.definition.to_json())
     else:
-        write_report(tmp_path)
+        write_report(tmp_path, drawn_from=9)
     (tmp_path / "campaign.sqlite").unlink()
     check_same(load_results(tmp_path), stored, frames)
     for path in tmp_path.glob("*.csv"):
@@ -147,20 +147,16 @@ def test_what_is_no_campaign_is_one_line(tmp_path: Path) -> None:
         load_results(tmp_path)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
+def test_a_damaged_or_missing_table_is_named(tmp_path: Path) -> None:
+    detection_store(tmp_path, {1: {1: (0.9, 0.5, 0.6)}})
+    write_report(tmp_path, drawn_from=9)
+    (tmp_path / "campaign.sqlite").unlink()
+    scores = tmp_path / "scores.csv"
+    for content, says in (
         ("robots,seed,x\n7,1,2\n", "robots: '7' is no value of the grid"),
         ('robots,seed,x\n1,1,"2\n', "cannot be read"),
         (None, "missing"),
-    ],
-)
-def test_a_damaged_or_missing_table_is_named(tmp_path: Path, content: str | None, says: str) -> None:
-    detection_store(tmp_path, {1: {1: (0.9, 0.5, 0.6)}})
-    write_report(tmp_path)
-    (tmp_path / "campaign.sqlite").unlink()
-    scores = tmp_path / "scores.csv"
-    scores.unlink() if content is None else scores.write_text(content)
-    with pytest.raises(InputError, match=rf"scores\.csv: .*{says}"):
-        load_results(tmp_path).table("scores")
+    ):
+        scores.unlink() if content is None else scores.write_text(content)
+        with pytest.raises(InputError, match=rf"scores\.csv: .*{says}"):
+            load_results(tmp_path).table("scores")

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.sequential_coverage import measure
@@ -61,6 +61,7 @@ def test_without_an_early_end_the_interval_is_the_mid_p_one() -> None:
 
 
 @pytest.mark.slow
+@settings(max_examples=25)
 @given(st.floats(0.05, 0.95), st.integers(0, 400), st.integers(0, 399))
 def test_an_interval_holds_its_share_and_grows_with_it(threshold: float, first: int, seed: int) -> None:
     test = SequentialTest(threshold, 400)

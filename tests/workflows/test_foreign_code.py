@@ -95,7 +95,7 @@ def rewrite(folder: Path, experiment: str, parameters: dict[str, str]) -> None:
     connection.close()
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("trials_in_this_process")
 def test_ones_own_run_is_trusted_as_it_ran_and_no_copy_of_it(tmp_path: Path) -> None:
     code = tmp_path / "walk.py"
     code.write_text(DRIFT)

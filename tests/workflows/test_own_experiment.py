@@ -123,7 +123,7 @@ def test_a_plan_of_it_has_no_path_of_this_machine(project: Path) -> None:
     assert str(project) not in planned.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("trials_in_this_process")
 def test_an_interrupted_campaign_of_it_goes_on_where_it_stopped(project: Path) -> None:
     whole = resolve(load_campaign(project / "walking.yaml"), registry)
     some = load_campaign(project / "walking.yaml").model_copy(update={"trials": 2})
@@ -138,7 +138,7 @@ def test_an_interrupted_campaign_of_it_goes_on_where_it_stopped(project: Path) -
     assert parts.read_bytes() == at_once.read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("trials_in_this_process")
 def test_two_campaigns_of_it_are_compared(project: Path) -> None:
     for name, bias_m in (("slow", 0.5), ("fast", 0.75)):
         worked("run", "walking.yaml", "--set", f"bias_m={bias_m}", "-o", name, folder=project)

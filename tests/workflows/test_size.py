@@ -15,14 +15,14 @@ from midnet_bench.experiments.labyrinth.trial import layout_of
 from midnet_bench.workflows import size
 from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 
-QUICK = ("--within", 2, "--trials", 20, "-q")
+QUICK = ("--within", 1, "--trials", 10, "--set", "engine=fast", "-q")
 
 
 @pytest.fixture(autouse=True)
 def _small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A look after every ten trials instead of forty."""
-    monkeypatch.setattr(sample_size, "BATCH", 10)
-    monkeypatch.setattr(size, "BATCH", 10)
+    """A look after every five trials instead of forty."""
+    monkeypatch.setattr(sample_size, "BATCH", 5)
+    monkeypatch.setattr(size, "BATCH", 5)
 
 
 def room(folder: Path, *, closed: bool = False) -> str:
@@ -38,6 +38,7 @@ def room(folder: Path, *, closed: bool = False) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("trials_in_this_process")
 def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: Path) -> None:
     arena = room(tmp_path)
     asked = ("size", arena, *QUICK, "--probability", 0.2, "-o", "answer", "--json")
@@ -67,7 +68,7 @@ def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: 
     [
         (("--within", 0), "--within"),
         (("--probability", 1), "--probability"),
-        (("--trials", 55), "--trials"),
+        (("--trials", 53), "--trials"),
         (("--set", "robots=3"), "--set robots"),
         (("--set", "foo=1"), "foo"),
         (("--intruders", "99,0"), "--intruders"),

@@ -35,7 +35,7 @@ def run(folder: Path, *arguments: object) -> Done:
 
 
 @pytest.fixture
-def ground(tmp_path: Path) -> Iterator[Path]:
+def ground(tmp_path: Path, trials_in_this_process: None) -> Iterator[Path]:
     """A folder with a detector, where short results of two shipped detectors are the committed ones."""
     (tmp_path / "mine.py").write_text(MINE)
     run(tmp_path, "--detector", "midnet,subtraction", "-o", "reference")
