@@ -1,5 +1,6 @@
 """``check`` names what is wrong with each of many broken parts, and passes those of the package."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.simulation.engine import SIMULATORS
-from midnet_bench.workflows.check import CHASE, PLUGINS, SHORT, _engine_faults, _robot_faults, check
+from midnet_bench.workflows.check import CHASE, PLUGINS, SHORT, _engine_faults, _robot_faults, check, recorded
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.conftest import PoolHere
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
@@ -21,13 +22,6 @@ class Base(MapSubtraction):
     def __init__(self, prior_map, range_m):
         super().__init__(prior_map, range_m)
 """
-GOOD = (
-    HEAD
-    + """
-class Mine(Base):
-    pass
-"""
-)
 BROKEN = {
     "changes what it is given": "def detect(self, team):\n"
     "        for robot in team:\n"
@@ -58,7 +52,6 @@ BROKEN = {
     "ZeroDivisionError: division by zero": "def detect(self, team):\n        1 / 0",
     "gave no numbers": "def detect(self, team):\n        return [['a box'] for _ in team]",
     "0 lists of boxes for": "def detect(self, team):\n        return []",
-    "takes its process along": "def detect(self, team):\n        os._exit(3)",
 }
 
 CHASES = {
@@ -83,13 +76,18 @@ MEASURES = {
 """what ``frame`` of a broken metric gives"""
 
 
-@pytest.fixture(autouse=True)
-def _shorter_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is wrong shows in the first two frames."""
-    for values in (SHORT, CHASE):
-        for name, value in {"frames": 2, "robots": 1, "time_limit_s": 3.0}.items():
-            if name in values:
-                monkeypatch.setitem(values, name, value)  # type: ignore[arg-type]
+@pytest.fixture(autouse=True, scope="module")
+def _shorter_trials() -> Iterator[None]:
+    """What is wrong shows in the first frames."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("midnet_bench.workflows.check.FRAMES", 7)
+        for values in (SHORT, CHASE):
+            for name, value in {"frames": 2, "robots": 1, "time_limit_s": 3.0}.items():
+                if name in values:
+                    patched.setitem(values, name, value)  # type: ignore[arg-type]
+        recorded.cache_clear()
+        yield
+        recorded.cache_clear()
 
 
 @pytest.fixture
@@ -164,7 +162,7 @@ def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
-    (folder / "mine.py").write_text(GOOD)
+    (folder / "mine.py").write_text(DETECTOR.format("pass"))
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("ok, ")
@@ -173,9 +171,7 @@ def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
-    (folder / "mine.py").write_text(
-        HEAD + "\nclass Mine(Base):\n    def detect(self, team):\n        1 / 0\n"
-    )
+    (folder / "mine.py").write_text(DETECTOR.format(BROKEN["ZeroDivisionError: division by zero"]))
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
     assert done.returncode == 1
     assert "ZeroDivisionError: division by zero" in done.stdout
@@ -219,3 +215,10 @@ def test_what_is_for_no_seam_is_one_line(folder: Path) -> None:
     assert "expected a class with a method 'detect', or a function" in complaint
     with pytest.raises(InputError, match="unknown name 'nix'"):
         check("nix")
+
+
+@pytest.mark.slow
+def test_one_that_ends_its_process_is_found(folder: Path) -> None:
+    # the last test here: other workers have to start after it
+    (folder / "mine.py").write_text(DETECTOR.format("def detect(self, team):\n        os._exit(3)"))
+    assert any("takes its process along" in fault for fault in check("mine.py:Mine").faults)
