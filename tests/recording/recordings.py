@@ -265,6 +265,7 @@ def _writer(path: Path, container: str):
         with bag_writer(path, container.removesuffix("-bz2")) as made:
             yield made
         return
+    path.unlink(missing_ok=True)
     writer = Ros1Writer(path)
     if container == "ros1-lz4":
         writer.set_compression(Ros1Writer.CompressionFormat.LZ4)
@@ -384,7 +385,7 @@ def played(
     more: Sequence[Said] = (),
     labels: Sequence[tuple[int, float, str, float, float]] = (),
     grid: OccupancyGrid | None = None,
-    container: str = "mcap",
+    container: str = "ros1",
     **keys: Any,
 ) -> Result:
     """A drive with its map, mount, scans and poses, or those given, and ``more``, written and replayed."""

@@ -337,7 +337,7 @@ def test_a_laser_that_sits_far_off_its_robot(far_m: float, tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "number"),
-    [("translation", 1e300), ("translation", math.inf), ("rotation", 0.0), ("rotation", math.nan)],
+    [("translation", 1e300), ("rotation", math.nan)],
 )
 @pytest.mark.parametrize("link", [("base_link", "laser"), ("odom", "base_link"), ("map", "odom")])
 def test_transforms_that_are_none(link: tuple[str, str], part: str, number: float, tmp_path: Path) -> None:
@@ -379,40 +379,40 @@ def left_by_a_kill(code: str, folder: Path, pattern: str) -> list[Path]:
     return list(folder.glob(pattern))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bag_format", ["mcap", "ros2"])  # a file, a folder
-def test_the_draft_of_a_killed_export_is_gone_after_the_next(bag_format: str, tmp_path: Path) -> None:
-    code = (
-        "from pathlib import Path\nfrom midnet_bench.recording.files.writer import bag_writer\n"
-        f"held = bag_writer(Path('b'), {bag_format!r})\nheld.__enter__()"
-    )
-    (left,) = left_by_a_kill(code, tmp_path, ".b.*.new")
-    os.utime(left, (time.time() - 10, time.time() - 10))
-    with bag_writer(tmp_path / "b", bag_format):
-        assert not left.exists()
-    assert [path.name for path in tmp_path.iterdir()] == ["b"]
+KILLED = """
+from pathlib import Path
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.experiments import registry
+from midnet_bench.recording.files.writer import bag_writer
+held = [bag_writer(Path(name), name) for name in ("mcap", "ros2")]
+opened = [one.__enter__() for one in held]
+results = load_results("results", registry.tables_of)
+"""
+"""exports into a file and into a folder, and a reader of results"""
 
 
 @pytest.mark.slow
-def test_what_a_killed_reader_of_results_left_is_gone_after_the_next(
+def test_what_a_killed_process_left_is_gone_after_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "results").mkdir()
-    labyrinth_store(tmp_path / "results" / "campaign.sqlite", lambda k, q, seed: 1, seeds=2).close()
-    code = (
-        "from midnet_bench.analysis.frames import load_results\n"
-        "from midnet_bench.experiments import registry\n"
-        f"held = load_results({str(tmp_path / 'results')!r}, registry.tables_of)"
-    )
-    (left,) = left_by_a_kill(code, tmp_path, ".midnet-bench-*")
-    os.utime(left, (time.time() - 10, time.time() - 10))
+    labyrinth_store(tmp_path / "results" / "campaign.sqlite", lambda k, q, seed: 1, seeds=1).close()
+    left = left_by_a_kill(KILLED, tmp_path, ".*")
+    assert len(left) == 3
+    for one in left:
+        os.utime(one, (time.time() - 10, time.time() - 10))
+    for bag_format in ("mcap", "ros2"):
+        (draft,) = tmp_path.glob(f".{bag_format}.*.new")
+        with bag_writer(tmp_path / bag_format, bag_format):
+            assert not draft.exists()
+    (copy,) = tmp_path.glob(".*")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     held = load_results(tmp_path / "results", registry.tables_of)
-    assert not left.exists()
-    assert len(list(tmp_path.glob(".midnet-bench-*"))) == 1
+    assert not copy.exists()
+    assert len(list(tmp_path.glob(".*"))) == 1
     del held
     gc.collect()
-    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    assert {path.name for path in tmp_path.iterdir()} == {"mcap", "ros2", "results"}
 
 
 @pytest.mark.slow
@@ -449,13 +449,13 @@ def try_all(cases: int, seed: int, folder: Path) -> Counter[str]:
 
 
 @pytest.mark.slow
-def test_15_mutated_recordings(tmp_path: Path) -> None:
+def test_9_mutated_recordings(tmp_path: Path) -> None:
     # in a process of its own: a segmentation fault is to end no other test
     code = (
         "import resource, sys, warnings; from pathlib import Path; warnings.simplefilter('error'); "
         "resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30)); "
         "from tests.recording.test_attacks import try_all; "
-        f"print(dict(try_all(15, 5, Path({str(tmp_path)!r}))))"
+        f"print(dict(try_all(9, 5, Path({str(tmp_path)!r}))))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -467,4 +467,4 @@ def test_15_mutated_recordings(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr[-3000:]
     ends = ast.literal_eval(done.stdout.splitlines()[-1])
-    assert min(ends["played"], ends["refused"]) > 3
+    assert min(ends["played"], ends["refused"]) > 1

@@ -47,6 +47,7 @@ def truly_placed(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_search")
 @pytest.mark.parametrize(("kind", "start"), [("tf", "found"), ("topic", "about")])
 def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
     begin = DRIVE.track(0.5)
@@ -62,8 +63,9 @@ def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_search")
 def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
-    drive = replace(DRIVE, seconds=25.0, rate_hz=4.0, pose_rate_hz=20.0, movers={})
+    drive = replace(DRIVE, seconds=25.0, rate_hz=4.0, pose_rate_hz=10.0, movers={})
     begin, turned = drive.track(0.0), 0.024
 
     def drifting(time_s):
@@ -81,6 +83,7 @@ def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_search")
 def test_without_a_place_the_refusal_names_the_options(tmp_path):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
     arguments = ("replay", bag, "--map", made.write_map(tmp_path), "--preset", "real")
@@ -94,6 +97,7 @@ def test_without_a_place_the_refusal_names_the_options(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_search")
 def test_a_map_of_another_place_and_a_background_are_refused(tmp_path):
     rows, columns = np.ogrid[:240, :240]
     hall = np.abs(np.hypot(rows - 120, columns - 120) - 100.0) < 1.0

@@ -17,6 +17,8 @@ from tests.recording import recordings as made
 from tests.recording.recordings import Drive
 from tests.recording.test_export import Said, read, stamp_of, transform_of
 
+pytestmark = pytest.mark.usefixtures("no_search")
+
 DRIVE = Drive(seconds=2.0, lidar=made.lidar_of(90), movers={"red": made.on_the_way(6.0)})
 MOUNT = made.MOUNT_DEG
 NS = 1_000_000_000

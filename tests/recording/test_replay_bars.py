@@ -10,12 +10,11 @@ from midnet_bench.geometry import Pose2D
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, played, replayed
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_search")]
 MOUNT = made.MOUNT_DEG
 LASERS = {
     "180 half circle": made.lidar_of(181, math.pi, 30.0),
     "270 degrees": made.lidar_of(541, math.radians(270.0), 30.0),
-    "360 full circle": made.lidar_of(360, math.tau, 8.0),
     "1000 full circle": made.lidar_of(1000, math.tau, 30.0),
 }
 REST = Pose2D(4.2, 3.0, 0.3)
@@ -38,7 +37,7 @@ def check(score, least, recall, wrong=("fp", "duplicates")):
 
 @pytest.mark.parametrize("laser", LASERS)
 def test_robots_are_found_by_one_that_drives(laser, tmp_path):
-    drive = Drive(seconds=9.0, lidar=LASERS[laser], movers=ROBOTS)
+    drive = Drive(seconds=6.0, lidar=LASERS[laser], movers=ROBOTS)
     check(played(tmp_path, drive, labels=drive.labels()).score(), 40, 0.95)
 
 
@@ -50,14 +49,14 @@ def test_robots_are_found_by_one_that_drives(laser, tmp_path):
     ids=["robot", "people"],
 )
 def test_robots_and_people_are_found_by_one_at_rest(movers, recall, wrong, laser, tmp_path):
-    drive = Drive(seconds=10.0, lidar=LASERS[laser], pose=lambda time_s: REST, movers=movers)
-    check(played(tmp_path, drive, labels=drive.labels()).score(), 80, recall, wrong)
+    drive = Drive(seconds=7.0, lidar=LASERS[laser], pose=lambda time_s: REST, movers=movers)
+    check(played(tmp_path, drive, labels=drive.labels()).score(), 60, recall, wrong)
 
 
 @pytest.mark.parametrize("laser", ENDS)
 @pytest.mark.parametrize("options", [{}, {"obstacle_range_m": 10.0}])
 def test_nobody_in_a_mapped_building(options, laser, tmp_path):
-    drive = Drive(seconds=12.0, lidar=LASERS[laser], noise_m=0.02)
+    drive = Drive(seconds=6.0, lidar=LASERS[laser], noise_m=0.02)
     found = played(tmp_path, drive, settings=options)
     assert found.score()["boxes_per_frame"] < 0.2, found.causes()
 

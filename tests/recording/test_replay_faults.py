@@ -17,6 +17,8 @@ from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive
 
+pytestmark = pytest.mark.usefixtures("no_search")
+
 DRIVE = Drive(seconds=3.0, lidar=made.lidar_of(60), movers={"red": made.on_the_way(6.0)})
 SCANS = made.scan_messages(DRIVE)
 POSES = made.pose_messages(DRIVE)

@@ -10,6 +10,8 @@ from tests.recording import recordings as made
 from tests.recording.recorded_drives import CELL_M
 from tests.recording.recordings import Drive, apart_m, played, replayed
 
+pytestmark = pytest.mark.usefixtures("no_search")
+
 DRIVE = Drive(seconds=2.0, movers={"red": made.on_the_way(6.0), "blue": made.standing(2.6, 2.6)})
 MOUNT = made.MOUNT_DEG
 

@@ -11,6 +11,8 @@ from tests.cli.command import midnet_bench
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, lidar_of, replayed
 
+pytestmark = pytest.mark.usefixtures("no_search")
+
 FRONT = Drive(
     seconds=3.0,
     movers={"red": made.on_the_way(6.0), "blue": made.on_the_way(-6.0)},

@@ -12,6 +12,8 @@ from tests.recording import recordings as made
 from tests.recording.recorded_drives import CELL_M, room
 from tests.recording.recordings import Drive, apart_m, edited, played
 
+pytestmark = pytest.mark.usefixtures("no_search")
+
 RED = {"red": made.on_the_way(6.0)}
 DRIVE = Drive(seconds=3.0, lidar=made.lidar_of(180, range_m=2.0), movers=RED)
 """its range ends before most walls: half of the beams meet nothing"""

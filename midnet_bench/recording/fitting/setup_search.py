@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import fftconvolve
 
 from midnet_bench.geometry import Floats, Pose2D, wrap_angle
 from midnet_bench.recording.files.readings import NS
@@ -224,6 +223,8 @@ class Search:
 
     def _overlaps(self, is_mirrored: bool) -> list[Candidate]:
         """Where a coarse picture of the returns overlaps most with one of the walls, three turns apart."""
+        from scipy.signal import fftconvolve  # half a second, which a setup that fits does not need
+
         points = _points(self.place(self.as_set.values, is_mirrored)) - self._middle
         reach_m = float(np.abs(points).max(initial=0.0))
         if reach_m > LARGEST_PICTURE_M:  # poses that jump far off: most returns must do
