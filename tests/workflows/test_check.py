@@ -10,7 +10,6 @@ from midnet_bench.robots.model import ROBOTS
 from midnet_bench.simulation.engine import SIMULATORS
 from midnet_bench.workflows.check import CHASE, PLUGINS, SHORT, _engine_faults, _robot_faults, check, recorded
 from tests.cli.command import midnet_bench, one_line_of_complaint
-from tests.conftest import PoolHere
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
 HEAD = """
@@ -117,10 +116,10 @@ METRIC = (
     + [("metrics", METRIC, *one) for one in MEASURES.items()],
 )
 def test_the_fault_of_a_broken_plug_in_is_found(
-    seam: str, template: str, fault: str, code: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+    seam: str, template: str, fault: str, code: str, folder: Path, request: pytest.FixtureRequest
 ) -> None:
     if "process" not in fault:
-        monkeypatch.setattr("midnet_bench.workflows.check.LokyPool", lambda *given: PoolHere())
+        request.getfixturevalue("trials_in_this_process")
     (folder / "mine.py").write_text(template.format(code))
     found = check("mine.py:Mine")
     assert found.seam == seam
