@@ -13,12 +13,12 @@ import pytest
 from midnet_bench import compiled
 
 # a case that takes long on a busy machine says nothing about the code
-hypothesis.settings.register_profile("any machine", deadline=None)
+hypothesis.settings.register_profile("any machine", deadline=None, max_examples=50)
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=30)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """A property has 30 examples in ``make test`` and 100 in ``make test-all``."""
+    """A property has 30 examples in ``make test`` and 50 in ``make test-all``."""
     compiled.collect_garbage_rarely()
     hypothesis.settings.load_profile("quick" if config.option.markexpr == "not slow" else "any machine")
 

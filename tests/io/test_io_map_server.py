@@ -26,7 +26,7 @@ KEYS = {
 ONE_CELL = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
 ALL_GREYS = np.arange(256, dtype=np.uint8).reshape(16, 16)
 
-in_one_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+in_one_folder = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def write_yaml(folder: Path, **changes: str | None) -> Path:

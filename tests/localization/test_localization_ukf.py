@@ -123,7 +123,7 @@ def exact(step, source):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 20))]
+    "seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))]
 )
 def test_error_is_under_half_of_raw_odometrys_on_a_driven_square(seed):
     rng = stream(seed, "slip")
@@ -142,7 +142,7 @@ def test_error_is_under_half_of_raw_odometrys_on_a_driven_square(seed):
 @pytest.mark.parametrize("source", ["world", "encoder"])
 def test_noise_free_messages_lead_along_the_truth(source):
     ukf = Robot(Pose2D(0.0, 0.0, 0.0), UkfSettings().suited_to(source))
-    for step in driven_square(laps=5):
+    for step in driven_square(laps=2):
         estimate = ukf.step(*exact(step, source), DT_S)
         assert estimate.distance_to(step.pose) < 0.006
         assert abs(wrap_angle(estimate.yaw - step.pose.yaw)) < 1e-3
@@ -150,12 +150,12 @@ def test_noise_free_messages_lead_along_the_truth(source):
 
 
 @pytest.mark.slow
-def test_an_hour_of_driving_stays_finite_and_positive_definite():
+def test_a_quarter_of_an_hour_stays_finite_and_positive_definite():
     rng = stream(7, "hour")
     wheels = SlippingWheels(rng)
     ukf = Robot(Pose2D(0.0, 0.0, 0.0), UkfSettings().suited_to("encoder"))
     v = w = yaw = 0.0
-    for step in range(36_000):
+    for step in range(9_000):
         if step % 50 == 0:
             v, w = float(rng.uniform(-0.1, 0.22)), float(rng.uniform(-1.5, 1.5))
         yaw += w * DT_S

@@ -195,7 +195,7 @@ def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
     settings = replace(
         WHEELS, particles=8, likelihood_gain=0.2, noise_srr=0.2, noise_srt=0.3, linear_reliability=0.0
     )
-    part = Drive(*(column[:150] for column in journey))
+    part = Drive(*(column[:100] for column in journey))
     once = run(part, settings, 3)
     often = GMapping(LIDAR, settings, START, stream(3, "gmapping"))
     drawn, rewritten = often.trajectory.poses, 0

@@ -173,7 +173,7 @@ class RealLog(NamedTuple):
 
     def error_m(self, trajectory: Trajectory) -> float:
         error = relations_error(self.relations, trajectory, self.odometry)
-        assert error.relations >= 285
+        assert error.relations > 2 * len(self.scans)
         return error.mean_m
 
 
@@ -197,8 +197,9 @@ def test_gmapping_maps_a_real_log(intel: RealLog) -> None:
 
 
 def test_a_real_log_with_slips_is_mapped_as_well_as_without(intel: RealLog) -> None:
-    as_it_is = intel.error_m(map_scans(intel.scans).trajectory)
-    log, odometry = intel.scans, intel.odometry
+    log, odometry = beginning(intel.scans, 2 / 3), intel.odometry
+    intel = intel._replace(scans=log)
+    as_it_is = intel.error_m(map_scans(log).trajectory)
     for place, slip in drawn_slips(len(log), 11):
         log, odometry = with_slip(log, odometry, place, slip)
     slipped = intel._replace(odometry=odometry).error_m(map_scans(log).trajectory)

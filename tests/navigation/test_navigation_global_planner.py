@@ -4,7 +4,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
@@ -71,6 +71,7 @@ def test_potentials_by_hand() -> None:
     assert (values[0] == 1e10).all()
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 @example(325)
 def test_potentials_are_nearly_those_of_a_heap(seed: int) -> None:
