@@ -36,15 +36,16 @@ def drive(
     return robot, near_s
 
 
+FAR, MIDDLE, NEAR = (1.75, 1.4), (1.5, 1.2), (1.2, 1.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("goal", [(1.5, 1.2), (1.75, 1.4), (1.2, 1.0)], ids=["middle", "far", "near"])
-def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
-    engine: str, goal: tuple[float, float]
-) -> None:
-    robot, near_s = drive(engine, goal, seed=2001)
-    assert robot.goals_given_up == 1
-    assert near_s <= 10.0 + 1.75 / 0.18 + 0.2  # two control periods of slack
+def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(engine: str) -> None:
+    for goal in (FAR, MIDDLE, NEAR) if engine == "fast" else (FAR,):
+        robot, near_s = drive(engine, goal, seed=2001)
+        assert robot.goals_given_up == 1
+        assert near_s <= 10.0 + 1.75 / 0.18 + 0.2  # two control periods of slack
 
 
 @pytest.mark.slow

@@ -12,47 +12,40 @@ from midnet_bench.workflows.check import CHASE, PLUGINS, SHORT, _engine_faults, 
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
-HEAD = """
+DETECTOR = """
 import itertools, os, random, time
 import numpy as np
 from midnet_bench.detectors.baselines import MapSubtraction
 
-class Base(MapSubtraction):
+class Mine(MapSubtraction):
+    seen = itertools.count()
     def __init__(self, prior_map, range_m):
         super().__init__(prior_map, range_m)
+    def detect(self, team):
+        {}
 """
-BROKEN = {
-    "changes what it is given": "def detect(self, team):\n"
-    "        for robot in team:\n"
-    "            robot.costmap.data[:] = 0\n"
-    "        return super().detect(team)",
-    "global random numbers": "def detect(self, team):\n"
-    "        return [boxes + np.random.uniform(0, 0.1) for boxes in super().detect(team)]",
-    "it answers otherwise the second time": "seen = itertools.count()\n"
-    "    def detect(self, team):\n"
-    "        return [boxes + 0.001 * next(Mine.seen) for boxes in super().detect(team)]",
-    "another process gets other results": "def detect(self, team):\n"
-    "        return [boxes + 1e-9 * os.getpid() for boxes in super().detect(team)]",
-    "with nobody: ": "def detect(self, team):\n        team[0]\n        return super().detect(team)",
-    "with one robot that has seen nothing: ": "def detect(self, team):\n"
-    "        for robot in team:\n"
-    "            robot.scan.stamp_s\n"
-    "        return super().detect(team)",
-    "with 20 robots: ": "def detect(self, team):\n        return super().detect(team)[:9]",
-    "are these metres?": "def detect(self, team):\n"
-    "        return [1000 * boxes for boxes in super().detect(team)]",
-    "is it in the map frame?": "def detect(self, team):\n"
-    "        return [boxes + 30.0 for boxes in super().detect(team)]",
-    "shape (": "def detect(self, team):\n        return [boxes[:, :2] for boxes in super().detect(team)]",
-    "is not finite": "def detect(self, team):\n"
-    "        return [boxes * np.nan for boxes in super().detect(team)]",
-    "without area": "def detect(self, team):\n"
-    "        return [boxes[:, [2, 3, 0, 1]] for boxes in super().detect(team)]",
-    "ZeroDivisionError: division by zero": "def detect(self, team):\n        1 / 0",
-    "gave no numbers": "def detect(self, team):\n        return [['a box'] for _ in team]",
-    "0 lists of boxes for": "def detect(self, team):\n        return []",
+OF_BOXES = {
+    "global random numbers": "boxes + np.random.uniform(0, 0.1)",
+    "it answers otherwise the second time": "boxes + 0.001 * next(Mine.seen)",
+    "another process gets other results": "boxes + 1e-9 * os.getpid()",
+    "are these metres?": "1000 * boxes",
+    "is it in the map frame?": "boxes + 30.0",
+    "shape (": "boxes[:, :2]",
+    "is not finite": "boxes * np.nan",
+    "without area": "boxes[:, [2, 3, 0, 1]]",
 }
-
+"""what a broken detector makes of each robot's boxes"""
+BROKEN = {
+    **{fault: f"return [{code} for boxes in super().detect(team)]" for fault, code in OF_BOXES.items()},
+    "changes what it is given": "for robot in team: robot.costmap.data[:] = 0",
+    "with nobody: ": "return super().detect([team[0], *team[1:]])",
+    "with one robot that has seen nothing: ": "return super().detect([r for r in team if r.scan.stamp_s])",
+    "with 20 robots: ": "return super().detect(team)[:9]",
+    "ZeroDivisionError: division by zero": "1 / 0",
+    "gave no numbers": "return [['a box'] for _ in team]",
+    "0 lists of boxes for": "return []",
+}
+"""what ``detect`` of a broken detector does"""
 CHASES = {
     "pursue gave list; give a dict": "[0]",
     "a target 99; there are": "{0: 99}",
@@ -95,7 +88,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-DETECTOR = HEAD + "\nclass Mine(Base):\n    {}\n"
 PURSUIT = (
     "import itertools, random\nfrom multiprocessing import current_process as process\n"
     "class Mine:\n    seen = itertools.count()\n    gap = {{}}\n"
@@ -161,7 +153,7 @@ def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
-    (folder / "mine.py").write_text(DETECTOR.format("pass"))
+    (folder / "mine.py").write_text(DETECTOR.format("return super().detect(team)"))
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("ok, ")
@@ -219,5 +211,5 @@ def test_what_is_for_no_seam_is_one_line(folder: Path) -> None:
 @pytest.mark.slow
 def test_one_that_ends_its_process_is_found(folder: Path) -> None:
     # the last test here: other workers have to start after it
-    (folder / "mine.py").write_text(DETECTOR.format("def detect(self, team):\n        os._exit(3)"))
+    (folder / "mine.py").write_text(DETECTOR.format("os._exit(3)"))
     assert any("takes its process along" in fault for fault in check("mine.py:Mine").faults)

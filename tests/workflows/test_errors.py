@@ -123,7 +123,7 @@ def test_causes_and_one_frame_print_json(folder: Path) -> None:
         assert json.loads(worked("errors", folder, *frame, "--json", folder=folder).stdout)["tables"]
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("trials_in_this_process")
 def test_a_campaign_without_errors_can_be_the_other_one(folder: Path, tmp_path: Path) -> None:
     run = ("detection", "--robots", 1, "--frames", 4, "--seeds", 1, "--engine", "fast", "--preset", "best")
     worked(*run, "--record", "--jobs", 1, "-o", "clean", folder=tmp_path)

@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TIMING_TABLE
@@ -54,8 +55,12 @@ def check_table(table: Table, own_names: Iterable[str] = ()) -> None:
     check(table.name, written - parts, own_names)
 
 
-def check_campaign(directory: Path) -> None:
-    results = load_results(directory, tables_of)
+@cache
+def reference(name: str) -> Results:
+    return load_results(REFERENCES / name, tables_of)
+
+
+def check_campaign(results: Results) -> None:
     place = {*results.factors, "seed"}
     for name, frame in {**results.tables, "timing": results.timing}.items():
         if name in dict.fromkeys(re.findall(r"^\*\*`(\w+)`\*\*", PAGE, flags=re.M)):
@@ -67,23 +72,14 @@ def check_campaign(directory: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "detection",
-        "labyrinth",
-        "pursuit",
-        "mapping",
-        "robustness",
-    ],
-)
+@pytest.mark.parametrize("name", ["detection", "labyrinth", "pursuit", "mapping", "robustness"])
 def test_every_column_of_a_reference_is_described(name: str) -> None:
-    check_campaign(REFERENCES / name)
+    check_campaign(reference(name))
 
 
 @pytest.mark.slow
 def test_every_column_of_the_comparison_of_variants_is_described() -> None:
-    ((table, _),) = sweeps(load_results(REFERENCES / "robustness", tables_of))
+    ((table, _),) = sweeps(reference("robustness"))
     assert table.to_csv() == (REFERENCES / "robustness" / "differences_by_variant.csv").read_text(
         encoding="utf-8"
     )
@@ -96,7 +92,7 @@ def test_every_column_of_the_comparison_of_variants_is_described() -> None:
 def test_every_column_of_a_fresh_campaign_is_described(detection_campaign: Path) -> None:
     results = load_results(detection_campaign)
     assert set(results.tables) == {"scores", "frames", "robots"}
-    check_campaign(detection_campaign)
+    check_campaign(results)
 
 
 @pytest.mark.slow
