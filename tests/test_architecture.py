@@ -18,16 +18,7 @@ PACKAGE = Path(midnet_bench.__file__).parent
 # From the ground up: a room may import the ones on lower floors. Rooms on one floor know nothing of each
 # other, but for the modules of the ground floor.
 FLOORS = [
-    {
-        "compiled",
-        "elementary",
-        "errors",
-        "geometry",
-        "grid",
-        "plugins",
-        "rng",
-        "settings",
-    },
+    {"compiled", "elementary", "errors", "geometry", "grid", "plugins", "rng", "settings"},
     {"io"},
     {"robots"},
     {"midnet"},
@@ -61,12 +52,18 @@ SOURCES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 @cache
+def tree_of(name: str) -> ast.Module:
+    """A module's syntax tree, parsed once."""
+    return ast.parse(SOURCES[name].read_text(encoding="utf-8"))
+
+
+@cache
 def imports() -> dict[str, set[str]]:
     """Module -> what it imports, also inside functions and for types alone; our own ones as modules."""
     found: dict[str, set[str]] = {}
-    for name, path in SOURCES.items():
+    for name in SOURCES:
         modules: set[str] = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(name)):
             if isinstance(node, ast.Import):
                 modules |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
@@ -162,16 +159,8 @@ def test_libraries_stay_where_they_belong() -> None:
 
 
 TRIAL_ROOMS = {
-    "agents",
-    "arena",
-    "detectors",
-    "localization",
-    "mapping",
-    "midnet",
-    "navigation",
-    "robots",
-    "scoring",
-    "simulation",
+    *("agents", "arena", "detectors", "localization", "mapping", "midnet", "navigation", "robots"),
+    *("scoring", "simulation"),
 }
 TRIAL_MODULES = {
     *(name for name in SOURCES if name not in ABOVE_ALL and room_of(name) in TRIAL_ROOMS | FLOORS[0]),
@@ -195,48 +184,25 @@ NOT_REPRODUCED = {
     "midnet_bench.mapping.merge": "OpenCV finds features, and its sums go by the processor",
 }
 ROUNDED_ALIKE = {
-    "ceil",
-    "copysign",
-    "fabs",
-    "floor",
-    "fmod",
-    "frexp",
-    "inf",
-    "isfinite",
-    "isinf",
-    "isnan",
-    "isqrt",
+    *("ceil", "copysign", "degrees", "fabs", "floor", "fmod", "frexp", "fsum", "inf", "isclose"),
+    *("isfinite", "isinf", "isnan", "isqrt", "ldexp", "nan", "pi", "radians", "sqrt"),
 }
-ROUNDED_ALIKE |= {"degrees", "fsum", "isclose", "ldexp", "nan", "pi", "radians", "sqrt"}
 """of ``math``: what IEEE 754 defines to the last bit"""
 PYTHONS_OWN = {"dist", "hypot"}
 """of ``math``: Python's own code, from such; in a compiled loop it would be the C library's"""
 LIBRARYS = {
-    *(
-        "sin",
-        "cos",
-        "tan",
-        "sinc",
-        "sinh",
-        "cosh",
-        "tanh",
-        "arcsin",
-        "arccos",
-        "arctan",
-        "arctan2",
-        "arcsinh",
-    ),
-    *("arccosh", "arctanh", "exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "logaddexp", "cbrt"),
-    *("power", "float_power", "hypot", "linalg", "dot", "vdot", "inner", "matmul", "tensordot", "einsum"),
+    *("sin", "cos", "tan", "sinc", "sinh", "cosh", "tanh", "arcsin", "arccos", "arctan", "arctan2"),
+    *("arcsinh", "arccosh", "arctanh", "exp", "exp2", "expm1", "log", "log2", "log10", "log1p"),
+    *("logaddexp", "cbrt", "power", "float_power", "hypot", "linalg", "dot", "vdot", "inner", "matmul"),
+    *("tensordot", "einsum"),
 }
 """of NumPy: what the C library, BLAS or the processor's vectors decide about"""
 DRAWN_BY_LOGARITHM = {"exponential", "gamma", "normal", "standard_exponential", "standard_normal"}
 
 
-def strays(name: str, source: str) -> set[str]:
+def strays(name: str, tree: ast.Module) -> set[str]:
     """What a module computes with of which the last bit differs between C libraries and processors."""
     found, errors = set(), set()
-    tree = ast.parse(source)
     compiled = {
         inside
         for function in ast.walk(tree)
@@ -276,7 +242,7 @@ def decorator_name(node: ast.expr) -> str:
 
 @pytest.mark.slow
 def test_trials_compute_with_nothing_whose_last_bit_is_a_librarys() -> None:
-    found = {name: strays(name, SOURCES[name].read_text(encoding="utf-8")) for name in TRIAL_MODULES}
+    found = {name: strays(name, tree_of(name)) for name in TRIAL_MODULES}
     assert {name: what for name, what in found.items() if what and name not in NOT_REPRODUCED} == {}
     assert NOT_REPRODUCED.keys() <= {name for name, what in found.items() if what}
 
@@ -297,61 +263,38 @@ def test_trials_compute_with_nothing_whose_last_bit_is_a_librarys() -> None:
     ],
 )
 def test_a_stray_is_found(source: str) -> None:
-    assert strays("a", source)
+    assert strays("a", ast.parse(source))
 
 
 def test_what_is_rounded_alike_is_none() -> None:
-    assert not strays("a", "math.sqrt(2.0) + math.hypot(1.0, 2.0) + np.sqrt(a) * 2 ** 3")
+    assert not strays("a", ast.parse("math.sqrt(2.0) + math.hypot(1.0, 2.0) + np.sqrt(a) * 2 ** 3"))
 
 
 ADDING = {"sum", "nansum", "mean", "nanmean", "average", "std", "var"}
-WHOLE_NUMBERS = {
-    "sum(in_range)",
-    "sum(map(bool, match.touched))",
-    "sum(self.rows[column])",
-    "fleet.groupby(keys, sort=False)['collisions'].sum()",
-    "map(sum, numbers)",
-    "map(sum, zip(NONE, *causes, strict=True))",
-}
+WHOLE_NUMBERS = {"fleet.groupby(keys, sort=False)['collisions'].sum"}
 """sums of columns that hold counts: they are exact anyhow"""
 
 
-def additions(source: str) -> set[str]:
-    """The sums and means of what may be floats, but for those by ``math.fsum`` and ``analysis.statistics``.
+def additions(tree: ast.Module) -> set[str]:
+    """The methods that add or average, but for ``analysis.statistics``; what is in ``int(...)`` is a count.
 
-    What is in ``int(...)`` is a count, and so is a sum of truths, lengths or ones.
+    Python's own ``sum`` is the matter of ``tests/test_floats.py``.
     """
-    tree = ast.parse(source)
-    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
-    found = set()
-    for node in ast.walk(tree):
-        is_builtin = isinstance(node, ast.Name) and node.id == "sum"
-        is_method = isinstance(node, ast.Attribute) and node.attr in ADDING
-        if is_builtin or (is_method and ast.unparse(node) != "statistics.mean"):
-            use = parents[node]
-            around = parents.get(use)
-            in_int = isinstance(around, ast.Call) and ast.unparse(around.func) == "int"
-            if not in_int and not (isinstance(use, ast.Call) and use.func is node and counts(use)):
-                found.add(ast.unparse(use))
-    return found
-
-
-def counts(call: ast.Call) -> bool:
-    """Whether what is added is True or False, a length or 1 each."""
-    values = call.args[0] if call.args else call
-    if not isinstance(values, ast.GeneratorExp):
-        return ast.unparse(values).startswith("map(len, ")
-    one = values.elt.body if isinstance(values.elt, ast.IfExp) else values.elt
-    if isinstance(one, ast.Call):
-        return ast.unparse(one.func) in {"any", "all", "len", "is_clean"}
-    is_not = isinstance(one, ast.UnaryOp) and isinstance(one.op, ast.Not)
-    return is_not or isinstance(one, ast.Compare | ast.BoolOp) or ast.unparse(one) == "1"
+    counted = {
+        inside.func
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "int"
+        for inside in node.args
+        if isinstance(inside, ast.Call)
+    }
+    methods = {node for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr in ADDING}
+    return {ast.unparse(node) for node in methods - counted} - {"statistics.mean"}
 
 
 def test_what_makes_numbers_of_results_adds_floats_exactly() -> None:
-    """Python's own sum differs between its versions, NumPy's and pandas' with the order."""
+    """NumPy's sums and pandas' differ with the order."""
     found = {
-        name: additions(SOURCES[name].read_text(encoding="utf-8"))
+        name: additions(tree_of(name))
         for name in SOURCES
         if name.startswith("midnet_bench.analysis")
         or (name in TRIAL_MODULES and room_of(name) in {"experiments", "scoring"})
@@ -360,15 +303,9 @@ def test_what_makes_numbers_of_results_adds_floats_exactly() -> None:
     assert set().union(*found.values()) >= WHOLE_NUMBERS
 
 
-@pytest.mark.parametrize(
-    "source", ["sum(a)", "map(sum, a)", "sum(one.x for one in a)", "a.sum()", "np.mean(a)"]
-)
-def test_an_addition_of_floats_is_found(source: str) -> None:
-    assert additions(source)
-
-
-def test_counting_is_no_addition_of_floats() -> None:
-    assert not additions("sum(map(len, a)) + sum(x < 1.0 for x in a) + int((a > b).sum()) + math.fsum(a)")
+def test_an_addition_of_floats_is_told_from_counting() -> None:
+    assert additions(ast.parse("a.sum() + np.mean(a) + float(a.std())")) == {"a.sum", "np.mean", "a.std"}
+    assert not additions(ast.parse("int((a > b).sum()) + math.fsum(a) + statistics.mean(a)"))
 
 
 WITHOUT_PHYSICS = """
@@ -392,7 +329,9 @@ def test_what_needs_no_physics_is_imported_without_pybullet_and_mujoco() -> None
     assert failed == physics | {"simulation.mujoco_engine"}
 
 
-@pytest.mark.parametrize("arguments", [["-c", "import midnet_bench"], ["-m", "midnet_bench", "--help"]])
+@pytest.mark.parametrize(
+    "arguments", [["-c", "import midnet_bench as m; dir(m)"], ["-m", "midnet_bench", "--help"]]
+)
 def test_importing_and_helping_load_nothing_heavy(arguments: list[str]) -> None:
     heavy = ("pybullet", "matplotlib", "pandas", "numba", "cv2", "scipy", "numpy", "pydantic")
     command = [sys.executable, "-X", "importtime", *arguments]

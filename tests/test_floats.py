@@ -60,7 +60,6 @@ def sums(path: Path) -> list[ast.expr]:
     return plain + [call.args[1] for call in calls if ast.unparse(call).startswith("map(sum, ")]
 
 
-@pytest.mark.slow
 def test_sum_adds_whole_numbers_alone() -> None:
     found = {
         f"{path.relative_to(PACKAGE)}: {ast.unparse(node)}"

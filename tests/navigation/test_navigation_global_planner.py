@@ -194,11 +194,7 @@ def test_a_goal_off_the_map_or_on_its_border_gives_none(goal: tuple[float, float
     ],
 )
 def test_where_a_path_may_begin_and_go(
-    cost: int,
-    columns: tuple[int, int],
-    goal: tuple[float, float],
-    start: tuple[float, float],
-    is_found: bool,
+    cost: int, columns: tuple[int, int], goal: tuple[float, float], start: tuple[float, float], is_found: bool
 ) -> None:
     costs = open_floor(20, 20)
     costs[:, slice(*columns)] = cost
