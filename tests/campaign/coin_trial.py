@@ -54,7 +54,7 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
             raise ValueError("the first time it goes wrong")
         os.kill(os.getpid(), 9)  # as the kernel does when memory runs out
     elif kind == "grow":
-        HOARD.append(bytes(400_000_000).replace(b"\0", b"\1"))  # written to, or it takes no memory
+        HOARD.append(b"\1" * 400_000_000)  # written to, or it takes no memory
     elif kind == "die":
         os.kill(os.getpid(), 9)
     elif kind == "segfault":
@@ -79,7 +79,7 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
 
 def prepare_impatient_worker(parent_pid: int) -> None:
     """As the pool does; native code that goes on after the time limit is not waited for long."""
-    pool.HARD_LIMIT_S = 0.3
+    pool.HARD_LIMIT_S = 0.1
     pool.prepare_worker(parent_pid)
 
 

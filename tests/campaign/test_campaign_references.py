@@ -1,8 +1,6 @@
 """Experiments by reference, to a file beside the campaign's or to a module; how often cells are checked."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +12,6 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.workflows.campaigns import run_campaign as run_with_registry
 from tests.campaign import dice
-from tests.campaign.campaign_process import environment
 
 CAMPAIGN = """
 experiment: own/dice.py:DICE
@@ -123,33 +120,3 @@ def test_each_cell_is_checked_once_in_the_campaign_and_once_in_the_worker(tmp_pa
 
     # a worker checks types and ranges, but what the parent read from files it does not read again
     assert [row["validations"] for row in rows(tmp_path).values()] == [0] * 25
-
-
-@pytest.mark.slow
-def test_the_engine_runs_an_experiment_of_its_own_without_any_of_the_packages(tmp_path: Path) -> None:
-    program = (
-        "import sys\n"
-        "from pathlib import Path\n"
-        "from midnet_bench.campaign.definition import Campaign, resolve\n"
-        "from midnet_bench.campaign.runner import plan, run_campaign\n"
-        "from midnet_bench.campaign.store import export_csv, open_store\n"
-        "from tests.campaign import coin_experiments as coins\n"
-        "directory = Path(sys.argv[1])\n"
-        "campaign = resolve(Campaign(experiment='coins', trials=2), coins)\n"
-        "assert plan(campaign, directory).to_run == 2\n"
-        "assert run_campaign(campaign, directory, jobs=2).finished == 2\n"
-        "with open_store(directory / 'campaign.sqlite') as store:\n"
-        "    export_csv(store, directory)\n"
-        "above = ('analysis', 'drawing', 'experiments', 'workflows', 'cli', 'simulation')\n"
-        "print(*[name for name in sys.modules if name.startswith('midnet_bench') and"
-        " name.split('.')[1:2] and name.split('.')[1] in above])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=environment(),
-    )
-    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
-    assert (tmp_path / "trial.csv").exists()

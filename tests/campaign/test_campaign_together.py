@@ -97,6 +97,7 @@ def test_one_that_fails_takes_no_other_along(
     assert failed.keys() == guilty
     for trial in failed.values():
         assert reason in trial.reason
+        assert "make_trouble" in trial.traceback or trouble == "odd"
         assert where in trial.traceback
     innocent = [spec for spec in resolved.trials() if spec.trial_id not in guilty]
     wanted = {spec.trial_id: encode_tables(coins.run_trial(spec)) for spec in innocent}
