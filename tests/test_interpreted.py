@@ -13,25 +13,20 @@ from tests.conftest import campaign_folder
 REPOSITORY = Path(__file__).parents[1]
 ROOM = """
 name: Room
-plane_m: [3.6, 3.6]
-enclosure_m: [3.0, 3.0]
+plane_m: [2.8, 2.8]
+enclosure_m: [2.4, 2.4]
 wall_thickness_m: 0.15
 wall_height_m: 1.0
 walls:
-  - [[-1.5, -1.5], [1.5, -1.5], [1.5, 1.5], [-1.5, 1.5], [-1.5, -1.5]]
-robots: {center_m: [-0.6, 0], spacing_m: 0.6}
+  - [[-1.2, -1.2], [1.2, -1.2], [1.2, 1.2], [-1.2, 1.2], [-1.2, -1.2]]
+robots: {center_m: [-0.4, 0], spacing_m: 0.6}
 mobile_intruders: {count: 1}
 """
-"""a tenth of Map 2: most of Python's time goes into the cost of each cell"""
+"""a seventieth of Map 2: most of Python's time goes into the cost of each cell"""
+SMALL = {"prior_map": "exact", "local_size_m": 2.0}
 TRIALS: dict[str, dict[str, Any]] = {
-    "detection": {"prior_map": "exact", "frames": 1, "robots": 2},
-    "labyrinth": {
-        "prior_map": "exact",
-        "robots": 1,
-        "intruders": 1,
-        "time_limit_s": 0.15,
-        "escape_distance_m": 0.5,
-    },
+    "detection": {**SMALL, "frames": 1, "robots": 2},
+    "labyrinth": {**SMALL, "robots": 1, "intruders": 1, "time_limit_s": 0.15, "escape_distance_m": 0.5},
     "mapping": {"time_limit_s": 0.25, "robots": 1},
 }
 """experiment -> parameters of a trial of tenths of a second"""
