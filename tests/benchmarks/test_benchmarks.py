@@ -19,7 +19,7 @@ def test_each_benchmark_imports(name: str) -> None:
 
 @pytest.mark.slow
 def test_a_trial_against_bare_pybullet(capsys: pytest.CaptureFixture[str]) -> None:
-    trial.main(simulated_s=1.0, repeats=1)
+    trial.main(simulated_s=0.4, repeats=1)
     said = capsys.readouterr().out
     for engine in ("bullet", "fast"):
         assert f"whole trial, {engine}" in said
@@ -55,8 +55,8 @@ def test_growth_with_robots_and_area(capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.slow
 def test_two_checkouts_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
-    tiny = ["--cases", "1+1", "--repeats", "1", "--seconds", "0.4", "--new-set", "engine=fast"]
-    compare.main([CHECKOUT, CHECKOUT, *tiny])
+    tiny = ["--cases", "1+1", "--repeats", "1", "--seconds", "0.4"]
+    compare.main([CHECKOUT, CHECKOUT, *tiny, "--old-set", "engine=fast", "--new-set", "engine=fast"])
     assert "NEW/OLD" in capsys.readouterr().out
 
 

@@ -75,7 +75,7 @@ def found(frames: int = 2, **values: Any) -> tuple[list[bool], int]:
 
 def specs(**common: Any) -> list[TrialSpec]:
     """A trial for each oracle."""
-    base = {"engine": "fast", "robots": 2, "frames": 4, "start_error_m": 0.1, **common}
+    base = {"engine": "fast", "robots": 2, "frames": 3, "start_error_m": 0.1, **common}
     oracles = [oracle for oracle in ORACLES if oracle != "fusion" or "detector" not in common]
     return [
         TrialSpec("detection", DetectionParameters.of(**base, oracle=oracle).flat_values(), SEED)

@@ -9,7 +9,7 @@ from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
 from midnet_bench.experiments.registry import tables_of
-from tests.cli.command import midnet_bench, rows
+from tests.cli.command import midnet_bench, rows, unpainted
 
 pytestmark = pytest.mark.slow
 
@@ -64,7 +64,8 @@ def test_a_recorded_trial_without_intruders_is_reported_with_its_causes(tmp_path
     (tmp_path / "empty" / "campaign.sqlite").unlink()  # the report's files say the same
     for is_report in (False, True):
         if is_report:
-            assert midnet_bench("report", "empty", folder=tmp_path).returncode == 0
+            with unpainted():
+                assert midnet_bench("report", "empty", folder=tmp_path).returncode == 0
         causes = rows(tmp_path / "empty" / "error_causes.csv")
         assert {row["kind"] for row in causes} == {"false"}, is_report
         assert sum(int(row["errors"]) for row in causes) == len(rows(tmp_path / "empty" / "errors.csv")) > 0

@@ -51,7 +51,7 @@ class Unmade:
 
 
 def specs(variants: list[dict[str, Any]], **common: Any) -> list[TrialSpec]:
-    base = {"engine": "fast", "robots": 2, "frames": 6, **common}
+    base = {"engine": "fast", "robots": 2, "frames": 5, **common}
     return [
         TrialSpec("detection", DetectionParameters.of(**{**base, **one}).flat_values(), seed=5)
         for one in variants
