@@ -8,9 +8,8 @@ import importlib
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType
 
@@ -102,54 +101,36 @@ MUTANTS = [
 ]
 
 
-class Mutated(SourceFileLoader):
-    """Loads a mutant instead of its module."""
-
-    def __init__(self, mutant: Mutant) -> None:
-        super().__init__(mutant.module, str(PACKAGE / mutant.file))
-        self.mutant = mutant
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None = None, target: object = None
-    ) -> ModuleSpec | None:
-        """The place of a module, for ``sys.meta_path``."""
-        spec = PathFinder.find_spec(name, path) if name == self.mutant.module else None
-        if spec is not None:
-            spec.loader = self
-        return spec
-
-    def get_code(self, fullname: str) -> CodeType:
-        """What is executed."""
-        return compile(self.mutant.source, self.path, "exec")
-
-
 class Failures:
-    """A plug-in of pytest: the tests that failed, and those that could not begin."""
+    """A plug-in of pytest that notes the tests that fail; one that cannot begin counts as none."""
 
     def __init__(self) -> None:
-        self.failed: list[str] = []
-        self.unable: list[str] = []
+        self.names: list[str] = []
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note it."""
-        if report.failed:
-            (self.failed if report.when == "call" else self.unable).append(report.nodeid)
+        if report.failed and report.when == "call":
+            self.names.append(report.nodeid)
 
 
 def killers(mutant: Mutant) -> str:
-    """The tests that fail with ``mutant``, or ``LIVES`` and why; run in a process of its own."""
+    """The tests that fail with ``mutant``, or ``LIVES`` and why; this process has it from then on."""
+    get_code = SourceFileLoader.get_code
+
+    def mutated(loader: SourceFileLoader, name: str) -> CodeType | None:
+        is_it = name == mutant.module
+        return compile(mutant.source, loader.path, "exec") if is_it else get_code(loader, name)
+
+    SourceFileLoader.get_code = mutated  # type: ignore[method-assign]
     try:
         mutant.source  # noqa: B018 - whether it is one
     except ValueError as error:
         return f"LIVES: {error}"
-    sys.meta_path.insert(0, Mutated(mutant))
     found = Failures()
     options = ["-x", "-q", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"]
     with tempfile.TemporaryDirectory() as folder:
         pytest.main([f"tests/{mutant.test}", *options, f"--basetemp={folder}/tmp"], [found])
-    if mutant.module not in sys.modules:
-        return "LIVES: its test does not import it"
-    return ", ".join(found.failed) or f"LIVES: {'; '.join(found.unable) or 'no test failed'}"
+    return ", ".join(found.names) or "LIVES"
 
 
 def in_a_fork(mutant: Mutant) -> str:

@@ -97,7 +97,7 @@ def test_placed_intruders_come_before_drawn_ones(tmp_path) -> None:
         ({}, 40, None, "robots: 40 starts"),
         ({}, 20, None, "at most 5 robots"),
         (
-            {"stationary_intruders": {"count": 30, "size_m": [2.0, 2.0]}},
+            {"stationary_intruders": {"count": 30, "size_m": [5.0, 5.0]}},
             1,
             None,
             "stationary_intruders.count: no room for 30",

@@ -95,7 +95,6 @@ def test_a_goal_is_reached_in_its_heading_which_is_zero_unless_given(
     ("side_m", "start", "most_s"),
     [
         (0.3, (0.9, 3.0), 35.0),
-        pytest.param(1.05, (0.6, 3.0), 150.0, marks=pytest.mark.slow),
         pytest.param(2.8, (0.6, 0.6), 150.0, marks=pytest.mark.slow),
     ],
 )

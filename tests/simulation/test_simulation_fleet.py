@@ -47,8 +47,8 @@ def test_distance_is_the_path_and_a_jump_through_a_wall_is_counted() -> None:
     assert tracker.crossings.tolist() == [1, 0]
 
 
-@pytest.mark.parametrize("rounds", [6, pytest.param(20, marks=pytest.mark.slow)])
-def test_ten_burgers_that_charge_about_blindly_go_through_nothing(rounds: int) -> None:
+def test_ten_burgers_that_charge_about_blindly_go_through_nothing() -> None:
+    rounds = 8
     layout = place(load_arena("map1"), 6, 5)
     rng = stream(6, "test")
     with BulletWorld(layout) as world:
