@@ -131,6 +131,7 @@ def mounted(samples, mount):
     return [each._replace(lidar=dataclasses.replace(each.lidar, mount=mount)) for each in samples]
 
 
+@lru_cache
 def recorded(name):
     """(times, (n, beams) ranges, the geometry on the true mount, the poses) of a shared recording.
 

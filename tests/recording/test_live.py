@@ -83,16 +83,12 @@ def test_the_order_between_topics_does_not_matter(said: list[Said], seed: int) -
     assert heard(LiveNode(chosen, None), chosen, shuffled) == in_order(said)
 
 
-def test_tf_tells_the_same_poses(said: list[Said]) -> None:
-    chosen = options(pose_by_tf=True)
-    assert "/guard_1/pose" not in chosen.topics(needs_map=True)
-    assert heard(LiveNode(chosen, None), chosen, said) == in_order(said)
-
-
-def test_a_mount_may_be_told(said: list[Said]) -> None:
-    chosen = options(mount=Pose2D(-0.032, 0.0, 0.0))
+def test_tf_tells_the_same_poses_and_a_mount_may_be_told(said: list[Said]) -> None:
+    by_tf, told = options(pose_by_tf=True), options(mount=Pose2D(-0.032, 0.0, 0.0))
+    assert "/guard_1/pose" not in by_tf.topics(needs_map=True)
+    assert heard(LiveNode(by_tf, None), by_tf, said) == in_order(said)
     without_tf = [one for one in said if one.topic != "/tf_static"]
-    assert heard(LiveNode(chosen, None), chosen, without_tf) == in_order(said)
+    assert heard(LiveNode(told, None), told, without_tf) == in_order(said)
 
 
 def test_it_says_what_it_waits_for(said: list[Said]) -> None:

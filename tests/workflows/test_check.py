@@ -152,17 +152,13 @@ def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
+def test_a_good_detector_of_ones_own_is_ok_and_a_broken_one_has_exit_code_one(folder: Path) -> None:
     (folder / "mine.py").write_text(DETECTOR.format("return super().detect(team)"))
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("ok, ")
     assert "ms a frame (detector mine.py:Mine#" in done.stdout
-
-
-@pytest.mark.slow
-def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
-    (folder / "mine.py").write_text(DETECTOR.format(BROKEN["ZeroDivisionError: division by zero"]))
+    (folder / "mine.py").write_text(DETECTOR.format("1 / 0"))
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
     assert done.returncode == 1
     assert "ZeroDivisionError: division by zero" in done.stdout

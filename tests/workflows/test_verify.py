@@ -358,23 +358,18 @@ def test_cells_without_any_spread_give_no_number(tmp_path: Path) -> None:
     assert table.notes == []
 
 
-@pytest.mark.parametrize(
-    ("difference", "robots", "power", "complaint"),
-    [
+def test_questions_that_make_no_sense_are_refused(tmp_path: Path) -> None:
+    grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [4, 5]}
+    labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: 1, seeds=2, grid=grid).close()
+    for difference, robots, power, complaint in (
         (0.0, (4, 5), 0.8, "--difference 0"),
         (101.0, (4, 5), 0.8, "--difference 101"),
         (5.0, (4, 6), 0.8, "no finished trials with 6 robots"),
         (5.0, (4, 4), 0.8, "--robots 4 4"),
         (5.0, (4, 5), 1.0, "--power 1"),
-    ],
-)
-def test_questions_that_make_no_sense_are_refused(
-    tmp_path: Path, difference: float, robots: tuple[int, int], power: float, complaint: str
-) -> None:
-    grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [4, 5]}
-    labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: 1, seeds=2, grid=grid).close()
-    with pytest.raises(InputError, match=complaint):
-        power_report(tmp_path, difference, robots, power)
+    ):
+        with pytest.raises(InputError, match=complaint):
+            power_report(tmp_path, difference, robots, power)
 
 
 @pytest.mark.parametrize(("name", "reproduced", "code"), [("detection", 18, 4), ("labyrinth", 4, 3)])
