@@ -228,7 +228,7 @@ def shares(world: World, tables: dict[str, list[Row]]) -> dict[str, tuple[int, i
 
 ALONE: dict[str, Any] = {"seed": 11, "robots": 1, "frames": 100}
 TEAM: dict[str, Any] = {
-    **{"seed": 13, "robots": 5, "frames": 80},
+    **{"seed": 13, "robots": 5, "frames": 60},
     **{"local_map": "persistent", "inf_is_valid": False},
 }
 

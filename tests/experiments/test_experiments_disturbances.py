@@ -23,7 +23,7 @@ SEED = 2001
 
 def of(**values: Any) -> DetectionParameters:
     return DetectionParameters.of(
-        **{"engine": "fast", "prior_map": "exact", "robots": 2, "frames": 10, **values}
+        **{"engine": "fast", "prior_map": "exact", "robots": 2, "frames": 6, **values}
     )
 
 

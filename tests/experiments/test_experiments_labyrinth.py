@@ -43,7 +43,7 @@ def corridor(**changes: object) -> LabyrinthParameters:
 @pytest.fixture(scope="module")
 def leaves() -> dict[str, list[Row]]:
     """The tables of a trial whose intruder leaves when it is caught."""
-    return run_labyrinth(corridor(), 1).tables
+    return run_labyrinth(corridor(), 3).tables
 
 
 def run_to_its_end(trial: LabyrinthTrial) -> None:
@@ -64,18 +64,20 @@ def test_seeing_is_catching_under_the_weakest_reading() -> None:
     assert intruder["detected_at_s"] == intruder["caught_at_s"]
 
 
-def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
-    row = run_labyrinth(corridor(capture_distance_m=0.01, pursuit="none", time_limit_s=20.0), 1).tables[
-        "trial"
-    ][0]
-    assert (row["caught"], row["detected"], row["success_rate"]) == (0, 1, 0.0)
+def test_who_is_not_come_close_to_is_not_caught_and_gone_at_his_escape() -> None:
+    with LabyrinthTrial(corridor(capture_distance_m=0.01, pursuit="none"), 5) as trial:
+        run_to_its_end(trial)
+        outcome = trial.outcomes[trial.intruders[0].index]
+        assert (outcome.result, outcome.detected_at_s > 0.0) == ("escaped", True)
+        assert not trial.world.active[trial.intruders[0].index]
+        assert math.dist(outcome.start, outcome.escape) >= 7.5
 
 
 @pytest.mark.slow
 def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going(
     leaves: dict[str, list[Row]],
 ) -> None:
-    drives_on = run_labyrinth(corridor(after_capture="drives_on"), 1).tables
+    drives_on = run_labyrinth(corridor(after_capture="drives_on"), 3).tables
     (first,), (second,) = leaves["intruders"], drives_on["intruders"]
     assert first["left_at_s"] == first["caught_at_s"] == second["caught_at_s"]
     assert (second["outcome"], drives_on["trial"][0]["caught"]) == ("caught", 1)
@@ -174,9 +176,9 @@ class Liar:
 def driven(lies: bool) -> list[Floats]:
     """Where all robots are at each frame of a trial in which nobody can be caught or escape."""
     parameters = LabyrinthParameters.of(
-        robots=3, intruders=2, time_limit_s=8.0, capture_distance_m=1e-6, escape_radius_m=1e-6, engine="fast"
+        robots=3, intruders=2, time_limit_s=6.0, capture_distance_m=1e-6, escape_radius_m=1e-6, engine="fast"
     )
-    with LabyrinthTrial(parameters, 4) as trial:
+    with LabyrinthTrial(parameters, 7) as trial:
         true_world = trial.world
         if lies:
             # the referee's own eyes: who is where, which box is on whom, how long somebody stood
@@ -192,22 +194,13 @@ def driven(lies: bool) -> list[Floats]:
 @pytest.mark.slow
 def test_lies_of_the_referee_move_no_robot() -> None:
     honest, lied = driven(lies=False), driven(lies=True)
-    assert len(honest) == len(lied) == 40
+    assert len(honest) == len(lied) == 30
     assert all((one == other).all() for one, other in zip(honest, lied, strict=True))
-
-
-def test_who_reaches_his_escape_is_gone() -> None:
-    with LabyrinthTrial(corridor(capture="contact", pursuit="none"), 4) as trial:
-        run_to_its_end(trial)
-        outcome = trial.outcomes[trial.intruders[0].index]
-        assert outcome.result == "escaped"
-        assert not trial.world.active[trial.intruders[0].index]
-        assert math.dist(outcome.start, outcome.escape) >= 7.5
 
 
 @pytest.mark.slow
 def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
-    short = LabyrinthParameters.of(robots=2, intruders=2, time_limit_s=2.0)
+    short = LabyrinthParameters.of(robots=2, intruders=2, time_limit_s=2.0, engine="fast")
     first, again = run_labyrinth(short, 9), run_labyrinth(short, 9)
     assert json.dumps(first.tables) == json.dumps(again.tables)
     more_guards = run_labyrinth(replace(short, robots=4, time_limit_s=0.2), 9)

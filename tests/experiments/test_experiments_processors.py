@@ -18,10 +18,10 @@ POORER = {
     "OPENCV_CPU_DISABLE": "AVX512_SKX,AVX2,FMA3,AVX,FP16,SSE4_2,SSE4_1,SSSE3,POPCNT",
 }
 TRIALS: tuple[tuple[str, dict[str, object]], ...] = (
-    ("detection", {"robots": 2, "frames": 10}),
-    ("detection", {"robots": 2, "frames": 5, "detector": "clusters", "fusion": "centres"}),
-    ("labyrinth", {"robots": 2, "intruders": 1, "time_limit_s": 4.0}),
-    ("mapping", {"robots": 1, "time_limit_s": 3.0}),
+    ("detection", {"robots": 2, "frames": 5}),
+    ("detection", {"robots": 2, "frames": 2, "detector": "clusters", "fusion": "centres"}),
+    ("labyrinth", {"robots": 2, "intruders": 1, "time_limit_s": 2.0}),
+    ("mapping", {"robots": 1, "time_limit_s": 2.0}),
 )
 
 

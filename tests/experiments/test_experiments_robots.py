@@ -34,18 +34,18 @@ def test_waffles_find_intruders_and_keep_out_of_walls() -> None:
 @pytest.mark.slow
 def test_waffles_guard_a_labyrinth() -> None:
     parameters = LabyrinthParameters.of(
-        engine="fast", robot="waffle", robots=2, intruders=1, time_limit_s=10.0, capture="contact"
+        engine="fast", robot="waffle", robots=2, intruders=1, time_limit_s=5.0, capture="contact"
     )
     with LabyrinthTrial(parameters, 2) as trial:
         frames = sum(1 for _ in trial.frames())
-        assert frames == 50
-        assert trial.fleet.health.distances_m.min() > 0.8
+        assert frames == 25
+        assert trial.fleet.health.distances_m.min() > 0.4
         assert trial.fleet.health.crossings.sum() == 0
 
 
 @pytest.mark.slow
 def test_waffles_explore_by_their_own_lidar() -> None:
-    parameters = MappingParameters.of(engine="fast", robot="waffle", robots=1, time_limit_s=6.0)
+    parameters = MappingParameters.of(engine="fast", robot="waffle", robots=1, time_limit_s=3.0)
     with ExplorationTrial(parameters, 2) as trial:
         for _ in trial.snapshots():
             pass

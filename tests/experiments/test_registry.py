@@ -1,7 +1,5 @@
 """How an experiment is found: by its name, by an entry point, by a reference."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -35,15 +33,6 @@ def test_each_name_is_the_name_of_its_record() -> None:
     for name in names():
         assert experiment(name).name == name
         assert parameters_model(name).defaults()
-
-
-def test_records_are_imported_without_simulator_compiler_tables_and_figures() -> None:
-    program = (
-        "import sys, midnet_bench.experiments.registry;"
-        "heavy = {'pybullet', 'numba', 'matplotlib', 'pandas', 'scipy'};"
-        "sys.exit(', '.join(heavy & set(sys.modules)) or None)"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_an_experiment_in_a_file_is_run_by_reference(tmp_path: Path) -> None:

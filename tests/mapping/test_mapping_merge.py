@@ -73,9 +73,9 @@ def pillars():
 
 
 @pytest.mark.slow
-def test_views_of_parts_of_one_building_are_merged_rightly():
+def test_views_of_parts_of_one_building_are_merged_rightly_also_of_other_resolutions():
     rng = stream(2, "merge")
-    views = two_views(rooms(rng), rng, 0.75, pose_error_m=0.02)
+    views = two_views(rooms(rng), rng, 0.75, pose_error_m=0.02, resolution=0.04)
     match = match_maps(views.left, views.right)
     assert match.refusal == ""
     assert is_right(match.placement, views, 0.1, 2.0)
@@ -139,15 +139,6 @@ def test_a_stricter_limit_refuses_what_the_default_accepts(pillars, monkeypatch)
         with monkeypatch.context() as limits:
             limits.setattr(merge, limit, stricter)
             assert match_maps(pillars.left, pillars.right).refusal.startswith(word)
-
-
-@pytest.mark.slow
-def test_maps_of_other_resolutions_are_merged_without_scale():
-    rng = stream(2, "fine")
-    views = two_views(rooms(rng), rng, 1.0, resolution=0.04)
-    match = match_maps(views.left, views.right)
-    assert match.refusal == ""
-    assert is_right(match.placement, views, 0.1, 2.0)
 
 
 @pytest.mark.slow

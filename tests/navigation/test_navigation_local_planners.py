@@ -231,7 +231,7 @@ def dwa_total(
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0.0, 1 / 64, 0.5]))
 def test_the_pruned_search_picks_what_scoring_every_sample_picks(
     seed: int, aligned: bool, occupied: float
@@ -407,7 +407,7 @@ def rollout_total(
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1))
 def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) -> None:
     rng = np.random.default_rng(seed + 2)

@@ -14,13 +14,13 @@ def deepest_m(layout: Layout, poses) -> float:
     """The deepest that a corner of one contour lies inside another shape, metres; 0 if none does."""
     bodies = [Pose2D(*pose).transform(HULL) for pose in np.asarray(poses).tolist() if np.isfinite(pose).all()]
     shapes = [solid.outline for solid in layout.solids] + bodies
-    centers = np.array([shape.mean(axis=0) for shape in shapes])
-    radii = np.array([np.hypot(*(shape - c).T).max() for shape, c in zip(shapes, centers, strict=True)])
+    low, high = np.array([(shape.min(axis=0), shape.max(axis=0)) for shape in shapes]).transpose(1, 0, 2)
     deepest = 0.0
-    for body in bodies:
-        near = np.hypot(*(centers - body.mean(axis=0)).T) < radii + 0.14
-        for shape in (shapes[k] for k in np.flatnonzero(near) if shapes[k] is not body):
-            deepest = max(deepest, _inside(body, shape), _inside(shape, body))
+    for own in range(len(shapes) - len(bodies), len(shapes)):
+        near = ((low < high[own]) & (low[own] < high)).all(axis=1)
+        for other in np.flatnonzero(near[:own]):
+            one, two = shapes[own], shapes[other]
+            deepest = max(deepest, _inside(one, two), _inside(two, one))
     return deepest
 
 
