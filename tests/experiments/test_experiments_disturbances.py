@@ -17,6 +17,7 @@ from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrin
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
+from tests.experiments.corridor import SOON
 
 SEED = 2001
 
@@ -152,10 +153,8 @@ def test_a_dead_guard_catches_nobody() -> None:
 def test_guards_of_the_labyrinth_chase_nobody_of_whom_midnet_never_hears() -> None:
     seen = {}
     for loss in (0.0, 1.0):
-        parameters = LabyrinthParameters.of(
-            engine="fast", prior_map="exact", robots=3, intruders=5, time_limit_s=8.0, message_loss=loss
-        )
-        (row,) = run_labyrinth(parameters, 2008).tables["trial"]
+        parameters = LabyrinthParameters.of(**{**SOON, "capture": "within"}, message_loss=loss)
+        (row,) = run_labyrinth(parameters, 6).tables["trial"]
         seen[loss] = (row["detected"], row["targets"])
     assert seen == {0.0: (1, 1), 1.0: (0, 0)}
 

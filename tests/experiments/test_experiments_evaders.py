@@ -37,8 +37,8 @@ def deed_of(**said: object) -> EvaderPolicy:
     return EvaderPolicy(Behaviour.model_validate(said), free, "person 1", 1, surfaces(layout))
 
 
-def parameters(engine: str, **changes: object) -> DetectionParameters:
-    values = {"arena": json.dumps(PEOPLE), "prior_map": "exact", "robots": 2, "frames": 20, "engine": engine}
+def parameters(**changes: object) -> DetectionParameters:
+    values = {"arena": json.dumps(PEOPLE), "prior_map": "exact", "robots": 2, "frames": 20, "engine": "fast"}
     return DetectionParameters.parse({**values, **changes}, "test")
 
 
@@ -115,9 +115,8 @@ def test_the_labyrinth_has_no_people() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["fast", "bullet"])
-def test_people_are_seen_scored_and_the_same_again(engine: str) -> None:
-    with DetectionTrial(parameters(engine), 1) as trial:
+def test_people_are_seen_scored_and_the_same_again() -> None:
+    with DetectionTrial(parameters(), 1) as trial:
         frames = list(trial.frames())
         names = [truth.name for truth in frames[-1].truths]
         assert names == ["intruder 1", "person 1", "person 2", "cylinder 1"]
@@ -136,17 +135,17 @@ def test_people_are_seen_scored_and_the_same_again(engine: str) -> None:
             for box in frame.midnet.detections
         )
         trial.causes(frames[-1], trial.own)
-    short = parameters(engine, frames=5)
+    short = parameters(frames=5)
     assert run_detection(short, 1) == run_detection(short, 1)
 
 
 @pytest.mark.slow
 def test_burgers_pause_and_their_number_is_an_option() -> None:
     paused = {**ROOM, "mobile_intruders": {"count": 3, "walk_s": 1.0, "pause_s": 30.0}}
-    with DetectionTrial(parameters("fast", arena=json.dumps(paused), intruders=2, frames=20), 1) as trial:
+    with DetectionTrial(parameters(arena=json.dumps(paused), intruders=2), 1) as trial:
         frames = list(trial.frames())
         assert [truth.name for truth in frames[0].truths] == ["intruder 1", "intruder 2"]
         for early, late in zip(frames[12].truths, frames[-1].truths, strict=True):
             assert early.box.center == pytest.approx(late.box.center, abs=0.01)
-    with DetectionTrial(parameters("fast", arena=json.dumps(PEOPLE), intruders=0, frames=1), 1) as trial:
+    with DetectionTrial(parameters(intruders=0, frames=1), 1) as trial:
         assert not trial.intruders

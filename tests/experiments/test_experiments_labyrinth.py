@@ -14,24 +14,14 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
 from midnet_bench.io.map_server import save_map
+from tests.experiments import corridor as corridors
 
 Floats = npt.NDArray[np.float64]
-# a long corridor with the guard's post in the middle: who goes from end to end has to pass it
-CORRIDOR = {
-    "name": "corridor",
-    "plane_m": [14.0, 4.0],
-    "enclosure_m": [12.0, 2.0],
-    "wall_thickness_m": 0.15,
-    "wall_height_m": 1.0,
-    "walls": [[[-6, -1], [6, -1], [6, 1], [-6, 1], [-6, -1]]],
-    "robots": {"center_m": [0.0, 0.0], "spacing_m": 0.5},
-    "mobile_intruders": {"count": 1, "clear_of_robots_m": 3.0},
-}
 
 
 def corridor(**changes: object) -> LabyrinthParameters:
     values = {
-        "arena": json.dumps(CORRIDOR),
+        "arena": corridors.corridor(12.0, 1, 3.0),
         "prior_map": "exact",
         "escape_distance_m": 7.5,
         "time_limit_s": 90.0,

@@ -1,6 +1,5 @@
 """Recorded trials: what is kept of a frame, and that it comes back out of a campaign's folder."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
 from midnet_bench.experiments.registry import tables_of
 from tests.cli.command import rows, unpainted, worked
+from tests.experiments.corridor import SOON
 
 pytestmark = pytest.mark.slow
 
@@ -26,31 +26,8 @@ def test_a_campaign_over_team_sizes_gives_its_recorded_frames_back(recorded_camp
             assert len(scan) == 90
 
 
-CORRIDOR = {
-    "name": "corridor",
-    "plane_m": [10.0, 4.0],
-    "enclosure_m": [8.0, 2.0],
-    "wall_thickness_m": 0.15,
-    "wall_height_m": 1.0,
-    "walls": [[[-4, -1], [4, -1], [4, 1], [-4, 1], [-4, -1]]],
-    "robots": {"center_m": [0.0, 0.0], "spacing_m": 0.5},
-    "mobile_intruders": {"count": 2, "clear_of_robots_m": 2.7},
-}
-"""One of two intruders is caught here after 3.4 s with seed 6."""
-
-
 def test_a_labyrinth_trial_records_who_pursues_and_who_is_left() -> None:
-    values = {
-        "engine": "fast",
-        "robots": 2,
-        "intruders": 2,
-        "time_limit_s": 4.0,
-        "arena": json.dumps(CORRIDOR),
-        "prior_map": "exact",
-        "escape_distance_m": 4.0,
-        "record": True,
-        "capture": "detected",
-    }
+    values = {**SOON, "record": True}
     parameters = LabyrinthParameters.from_flat(values).with_files_read()
     tables = run_labyrinth(parameters, 6).tables
     frames = [RecordedFrame.from_row(row) for row in tables["recorded"]]

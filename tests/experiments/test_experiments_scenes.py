@@ -10,13 +10,16 @@ from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.scenes import labyrinth_demo, scene_of, setup_of
 from midnet_bench.settings import Scalar
+from tests.experiments.corridor import SOON
 
 
 def test_false_and_missed_are_those_that_the_score_counts() -> None:
     # ghosts that no beam clears, so that there are false detections
-    parameters = DetectionParameters.parse({"robots": 3, "frames": 25, "inf_is_valid": False}, "test")
+    parameters = DetectionParameters.parse(
+        {"engine": "fast", "robots": 3, "frames": 12, "inf_is_valid": False}, "test"
+    )
     scored, scenes = [], []
-    with DetectionTrial(parameters, 7) as trial:
+    with DetectionTrial(parameters, 1) as trial:
         for frame in trial.frames(explain=True):
             scored.append(frame)
             scenes.append(scene_of(trial, frame))
@@ -32,7 +35,7 @@ def test_false_and_missed_are_those_that_the_score_counts() -> None:
 
 
 def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None:
-    with LabyrinthTrial(LabyrinthParameters.parse({"robots": 2, "intruders": 2}, "test"), 3) as trial:
+    with LabyrinthTrial(LabyrinthParameters.of(robots=2, intruders=2, engine="fast"), 3) as trial:
         setup = setup_of(trial)
         frame = next(iter(trial.frames(explain=True)))
         before = scene_of(trial, trial.scored(frame))
@@ -54,13 +57,12 @@ def labyrinth(seed: int, **values: Scalar) -> list[Scene]:
         return list(drawn.scenes)
 
 
-@pytest.mark.slow
 def test_a_labyrinth_tells_who_caught_whom_and_shows_the_caught_one_for_the_last_time() -> None:
-    *before, last, after = labyrinth(2, capture="detected", time_limit_s=18.0)
+    *before, last, after = labyrinth(6, **{**SOON, "time_limit_s": 3.6})
     assert {(scene.counter, scene.remark) for scene in before} == {("caught 0 of 2", "")}
-    caught = ("caught 1 of 2", "intruder 1 caught by guard 2, 17.8 s")
+    caught = ("caught 1 of 2", "intruder 1 caught by guard 2, 3.4 s")
     assert (last.counter, last.remark) == (after.counter, after.remark) == caught
-    assert last.time_s == pytest.approx(17.8)
+    assert last.time_s == pytest.approx(3.4)
     assert [robot.number for robot in last.robots if not robot.is_guard] == [1, 2]
     assert [found.guard for found in last.detections if not found.is_false] == [2]
     assert last.truths[0].is_found

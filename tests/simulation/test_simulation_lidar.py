@@ -14,7 +14,7 @@ from midnet_bench.robots.turtlebot3 import LDS_01
 from midnet_bench.simulation import sensors as lidar
 from midnet_bench.simulation.bullet_engine import BATCH
 from midnet_bench.simulation.sensors import NOTHING, SOLID, TOO_NEAR_M
-from tests.simulation.scenes import BulletWorld, beam_lengths, run, scene, sensors
+from tests.simulation.scenes import BulletWorld, FastWorld, beam_lengths, run, scene, sensors
 
 ANY = [stream(1, "unused")] * 10
 LIMITS_M = (LDS_01.range_min_m, LDS_01.range_max_m)
@@ -29,7 +29,7 @@ def discs_seen(poses, by: int, radius: float = 0.055, offset: float = -0.017):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("map1", 1), ("map1", 2), ("map1", 3), ("map2", 1), ("map2", 2)])
+@pytest.mark.parametrize(("name", "seed"), [("map1", 1), ("map2", 2)])
 def test_ranges_are_those_of_walls_and_discs(name: str, seed: int) -> None:
     """To 3 mm, but for the few beams that pass within 2 mm of a corner or graze a 64-sided cylinder."""
     layout = place(load_arena(name), seed, 5, 5)
@@ -140,7 +140,7 @@ def test_more_rays_than_one_batch_holds_are_split() -> None:
 
 def noisy_scans(noise: str, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
     layout = place(load_arena("map2"), 3, 1, 0)
-    with BulletWorld(layout) as world:
+    with FastWorld(layout) as world:
         truth = sensors(world).scan([0], ANY)[0]
         lidars = sensors(world, noise=noise)
         rngs = [stream(3, "lidar", 0)]
