@@ -21,9 +21,9 @@ Floats = npt.NDArray[np.float64]
 
 def corridor(**changes: object) -> LabyrinthParameters:
     values = {
-        "arena": corridors.corridor(12.0, 1, 3.0),
+        "arena": corridors.corridor(9.0, 1, 3.0),
         "prior_map": "exact",
-        "escape_distance_m": 7.5,
+        "escape_distance_m": 5.5,
         "time_limit_s": 90.0,
         "engine": "fast",
     }
@@ -33,7 +33,7 @@ def corridor(**changes: object) -> LabyrinthParameters:
 @pytest.fixture(scope="module")
 def leaves() -> dict[str, list[Row]]:
     """The tables of a trial whose intruder leaves when it is caught."""
-    return run_labyrinth(corridor(), 3).tables
+    return run_labyrinth(corridor(), 1).tables
 
 
 def run_to_its_end(trial: LabyrinthTrial) -> None:
@@ -60,14 +60,14 @@ def test_who_is_not_come_close_to_is_not_caught_and_gone_at_his_escape() -> None
         outcome = trial.outcomes[trial.intruders[0].index]
         assert (outcome.result, outcome.detected_at_s > 0.0) == ("escaped", True)
         assert not trial.world.active[trial.intruders[0].index]
-        assert math.dist(outcome.start, outcome.escape) >= 7.5
+        assert math.dist(outcome.start, outcome.escape) >= 5.5
 
 
 @pytest.mark.slow
 def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going(
     leaves: dict[str, list[Row]],
 ) -> None:
-    drives_on = run_labyrinth(corridor(after_capture="drives_on"), 3).tables
+    drives_on = run_labyrinth(corridor(after_capture="drives_on"), 1).tables
     (first,), (second,) = leaves["intruders"], drives_on["intruders"]
     assert first["left_at_s"] == first["caught_at_s"] == second["caught_at_s"]
     assert (second["outcome"], drives_on["trial"][0]["caught"]) == ("caught", 1)
@@ -203,7 +203,7 @@ def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
 def test_a_fleeing_intruder_keeps_away_longer() -> None:
     evasions: tuple[dict[str, object], ...] = ({"evasion": "none"}, {"evasion": "flee", "flee_radius_m": 2.5})
     caught = [
-        run_labyrinth(corridor(time_limit_s=48.0, **one), 2).tables["trial"][0]["caught"] for one in evasions
+        run_labyrinth(corridor(time_limit_s=36.0, **one), 2).tables["trial"][0]["caught"] for one in evasions
     ]
     assert caught == [1, 0]
 

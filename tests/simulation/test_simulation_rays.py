@@ -53,7 +53,7 @@ def test_where_the_engines_differ_fast_is_right() -> None:
     for name, seed in (("map1", 11), ("map1", 12), ("map1", 13), ("map2", 14), ("map2", 15), ("empty", 16)):
         layout = place(load_arena(name), seed, 1)
         sides = surfaces(layout)
-        beams = fans(np.random.default_rng(seed), layout, 48)
+        beams = fans(np.random.default_rng(seed), layout, 24)
         with BulletWorld(layout) as bullet, FastWorld(layout) as fast:
             ranges, other = fast.cast(beams, 0.12, 3.5), bullet.cast(beams, 0.12, 3.5)
         beams_cast += ranges.size
@@ -62,7 +62,7 @@ def test_where_the_engines_differ_fast_is_right() -> None:
             assert ranges[i, k] == pytest.approx(exact, abs=SAME_M, rel=0.0), (name, seed, i, k)
             disputes += 1
             wrong += len(differing(other[i, k], np.array(exact), WRONG_M))
-    assert beams_cast > 100_000
+    assert beams_cast > 50_000
     assert disputes < 0.01 * beams_cast, "the engines agree on nearly all beams"
     assert wrong > 0, "the judge finds PyBullet wrong beside some walls' ends"
 
