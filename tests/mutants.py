@@ -81,7 +81,7 @@ MUTANTS = [
         '"success_rate": 100.0 * caught / len(outcomes),',
         '"success_rate": 100.0 * sum(not math.isnan(one.detected_at_s) for one in outcomes) / len(outcomes),',
         "experiments/test_experiments_labyrinth.py"
-        "::test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough",
+        "::test_who_is_not_come_close_to_is_not_caught_and_gone_at_his_escape",
     ),
     Mutant(
         "guards pursue the true position of an intruder, not its box",

@@ -55,12 +55,15 @@ def test_seeing_is_catching_under_the_weakest_reading() -> None:
 
 
 def test_who_is_not_come_close_to_is_not_caught_and_gone_at_his_escape() -> None:
-    with LabyrinthTrial(corridor(capture_distance_m=0.01, pursuit="none"), 5) as trial:
+    parameters = corridor(capture_distance_m=0.01, pursuit="none")
+    with LabyrinthTrial(parameters, 5) as trial:
         run_to_its_end(trial)
         outcome = trial.outcomes[trial.intruders[0].index]
         assert (outcome.result, outcome.detected_at_s > 0.0) == ("escaped", True)
         assert not trial.world.active[trial.intruders[0].index]
         assert math.dist(outcome.start, outcome.escape) >= 5.5
+    row = run_labyrinth(parameters, 5).tables["trial"][0]
+    assert (row["detected"], row["caught"], row["success_rate"]) == (1, 0, 0.0)
 
 
 @pytest.mark.slow
