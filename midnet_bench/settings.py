@@ -76,7 +76,7 @@ class Group(NamedTuple):
 
 
 def group(default: "Settings", title: str, **place: Any) -> Any:
-    """A field that nests the settings of one concern: an instance with the defaults, and of a ``Group``."""
+    """A field that nests settings with ``default`` values; the rest are the fields of its :class:`Group`."""
     return field(default=default, metadata={"group": Group(title, **place)})
 
 

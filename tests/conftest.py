@@ -60,15 +60,10 @@ def full_disk(small_disk: Path) -> Path:
 @pytest.fixture
 def trials_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Campaigns start no workers: their trials run one by one in this process."""
-    from midnet_bench.campaign.pool import LokyPool, _packed
-    from midnet_bench.campaign.trial import Outcome
+    from midnet_bench.campaign.pool import LokyPool
+    from tests.cli.command import without_workers
 
-    def outcomes(pool: LokyPool, run_trials: Any, groups: Any, *bounds: Any) -> Iterator[Outcome]:
-        for group in groups:
-            for spec, result in zip(group, run_trials(group), strict=True):
-                yield Outcome(spec.trial_id, 1.0, **_packed(result))
-
-    monkeypatch.setattr(LokyPool, "outcomes", outcomes)
+    monkeypatch.setattr(LokyPool, "outcomes", without_workers)
 
 
 def campaign_folder(directory: Path, **campaign: Any) -> Path:

@@ -10,7 +10,7 @@ two groups of n trials each; with common seeds it is the test of n differences s
 ``SequentialTest`` runs as many trials as the answer takes. After each batch it looks at the ratio of two
 likelihoods of all trials so far: of a mixture of all probabilities (Robbins 1970), and of the threshold. It
 decides once the ratio reaches a bound, the lowest one with which the chance to ever decide is at most
-``LEVEL`` where the probability is the threshold itself; that chance is counted over all ways in which the
+``ALPHA`` where the probability is the threshold itself; that chance is counted over all ways in which the
 trials may go. Elsewhere a wrong decision is rarer still.
 
 Trials that end when they look good make a plain interval too narrow. The interval here counts all ways to
@@ -27,19 +27,17 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.analysis.statistics import Estimate, exact_mean, exact_sum
+from midnet_bench.analysis.statistics import Estimate, FloatArray, exact_mean, exact_sum
 from midnet_bench.analysis.tables import Cell
 
-ALPHA = 0.05
+ALPHA = 0.05  # the chance of a wrong decision, at most; of a sequential interval, that it misses the truth
 POWER = 0.8
 PILOT = 0.9  # the confidence at which a pilot's variance is bounded
 MAX_TRIALS = 10**9
 
 BySeed = Mapping[int, float]
 Spread = tuple[float, float]  # a variance, and the degrees of freedom that it stands on
-LEVEL = 0.05  # the chance that a decision is wrong, at most; and that the interval misses the truth
 BATCH = 40  # trials between two looks
-FloatArray = npt.NDArray[np.float64]
 
 
 def probability_to_detect(variance: float, difference: float, trials: int, groups: int) -> float:
@@ -231,7 +229,7 @@ class SequentialTest:
 
         def tail(p: float, shares: FloatArray) -> float:
             """The probability of an end that is as extreme, this one counted by half, less half the level."""
-            return float(shares @ ends.probabilities(p)) - LEVEL / 2.0
+            return float(shares @ ends.probabilities(p)) - ALPHA / 2.0
 
         low = 0.0 if successes == 0 else brentq(tail, 0.0, 1.0, (above,))
         high = 1.0 if successes == trials else brentq(tail, 0.0, 1.0, (1.0 - above,))
@@ -252,12 +250,12 @@ class SequentialTest:
     @cached_property
     def _bound(self) -> float:
         """Found to 1e-3 by halving."""
-        low, high = 0.0, -math.log(LEVEL)  # where Ville's inequality holds, however many looks there are
+        low, high = 0.0, -math.log(ALPHA)  # where Ville's inequality holds, however many looks there are
         while high - low > 1e-3:
             middle = (low + high) / 2.0
             ends = self._ends_by(middle)
             chance = float(ends.probabilities(self.threshold) @ (ends.sides != 0))
-            low, high = (low, middle) if chance <= LEVEL else (middle, high)
+            low, high = (low, middle) if chance <= ALPHA else (middle, high)
         return high
 
     @cached_property

@@ -212,11 +212,8 @@ def export(
         if where:
             raise InputError("export: --where goes with a campaign's folder; set parameters by --set")
         chosen = {"robots": robots, "frames": frames, "engine": engine}
-        name, experiment, seed = (
-            registry.experiment(trial).name,
-            trial,
-            options.SEED if seed is None else seed,
-        )
+        name, experiment = registry.experiment(trial).name, trial
+        seed = options.SEED if seed is None else seed
         options.check_values(trial, chosen, "--{key}")
         parameters = {"robots": options.ROBOTS, **options.joined(chosen, settings, map_file)}
     path = output or options.RESULTS / plain_name(f"export-{name}-{seed}{ending}")

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.analysis.sample_size import BATCH, LEVEL, SequentialTest
+from midnet_bench.analysis.sample_size import ALPHA, BATCH, SequentialTest
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.arena.arena import Arena
@@ -120,7 +120,7 @@ class Answer(NamedTuple):
                 if team.is_enough is None
             ),
             f"Intervals hold 95 %; a team is called enough, or not, wrongly with a probability of at most "
-            f"{100 * LEVEL:g} %.",
+            f"{100 * ALPHA:g} %.",
         ]
 
     @property

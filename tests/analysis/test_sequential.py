@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from benchmarks.sequential_coverage import measure
 from midnet_bench.analysis import sample_size
-from midnet_bench.analysis.sample_size import BATCH, LEVEL, SequentialTest
+from midnet_bench.analysis.sample_size import ALPHA, BATCH, SequentialTest
 
 
 def test_the_likelihood_ratio_is_that_of_the_mixture() -> None:
@@ -56,8 +56,8 @@ def test_without_an_early_end_the_interval_is_the_mid_p_one() -> None:
         each = [math.comb(40, k) * p**k * (1.0 - p) ** (40 - k) for k in successes]
         return sum(each) - 0.5 * math.comb(40, 22) * p**22 * (1.0 - p) ** 18
 
-    assert tail(found.low, range(22, 41)) == pytest.approx(LEVEL / 2.0, rel=1e-6)
-    assert tail(found.high, range(23)) == pytest.approx(LEVEL / 2.0, rel=1e-6)
+    assert tail(found.low, range(22, 41)) == pytest.approx(ALPHA / 2.0, rel=1e-6)
+    assert tail(found.high, range(23)) == pytest.approx(ALPHA / 2.0, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -79,4 +79,4 @@ def test_an_interval_holds_its_share_and_grows_with_it(threshold: float, first: 
 def test_intervals_hold_the_truth_in_95_of_100_repetitions(truth: float) -> None:
     held, wrong, _ = measure(0.9, truth, np.random.default_rng(3))
     assert 0.93 <= held <= 0.97
-    assert wrong <= LEVEL
+    assert wrong <= ALPHA

@@ -45,7 +45,7 @@ def midnet_bench(*arguments: object, folder: Path) -> Done:
     """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="") for _ in range(2))
     argv = ["midnet-bench", *map(str, arguments)]
-    outcomes = pools.LokyPool.outcomes if "--jobs" in argv else _without_workers
+    outcomes = pools.LokyPool.outcomes if "--jobs" in argv else without_workers
     with (
         _process_left_as_it_is(),
         mock.patch.object(pools.LokyPool, "outcomes", outcomes),
@@ -86,7 +86,7 @@ def in_its_own_process(
     return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=300)
 
 
-def _without_workers(
+def without_workers(
     pool: object, run_trials: RunTrials, groups: Iterator[pools.Group], limit_s: float, one_at_a_time: bool
 ) -> Iterator[Outcome]:
     """As the pool does it, in this process."""

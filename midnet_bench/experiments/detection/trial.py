@@ -170,10 +170,11 @@ class DetectionTrial(GuardedArena):
 
     def _in_sight(self, scorer: Scorer) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
-        range_m, guards = scorer.test.costmap.obstacle_range_m, [guard.index for guard in self.guards]
-        _, true_m, bodies = self.lidars.true_scan(np.array(guards))
-        ranges_m = self.lidars.measured(true_m, np.array(guards), scorer.sight)  # no beam drops out
-        near = ranges_m <= range_m
+        reach_m = scorer.test.costmap.obstacle_range_m
+        guards = np.array([guard.index for guard in self.guards])
+        _, true_m, bodies = self.lidars.true_scan(guards)
+        ranges_m = self.lidars.measured(true_m, guards, scorer.sight)  # no beam drops out
+        near = ranges_m <= reach_m
         ranges_m = np.where(near, ranges_m, 0.0)  # infinity has no place on a beam along an axis
         met = set(bodies[near].tolist())
         beams = self.world.poses()[guards, 2, None] + self.robot.lidar.angles_rad
