@@ -195,7 +195,7 @@ class Storyboard:
         for scene, (left, top) in zip(chosen, places, strict=True):
             write(page, left, top, f"{scene.time_s:.1f} s", TEXT_PX, bold=True)
             write(page, left + TIME_PX, top, scene.counter, TEXT_PX)
-            if scene.remark != remark:  # a catch is written once
+            if scene.chase is None or scene.remark != remark:  # a catch is written once
                 remark = scene.remark
                 write(page, left, top + LINE_PX, remark, 16)
             top += caption_px

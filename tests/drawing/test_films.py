@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from midnet_bench.drawing.films import Storyboard, mp4_file
 from midnet_bench.drawing.scene import Chase, Scene
 from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.scoring.frame_counts import Ratios
 from tests.drawing.hand_made import setup_and_scene
 
 SETUP, SCENE = setup_and_scene()
@@ -102,3 +104,14 @@ def test_a_storyboard_shows_each_catch_and_ends_with_the_outcome() -> None:
     assert {78, 203} <= {scene.frame for scene in chosen}
     assert chosen[-1].remark == events[203]
     assert len(chosen) == 6
+
+
+def test_a_storyboard_writes_the_scores_so_far_under_each_picture_also_where_they_stay() -> None:
+    board = Storyboard(SETUP)
+    for number in (1, 2):
+        scores = Ratios(precision=1.0, recall=0.5, f1=0.667)
+        board.offer(replace(SCENE, frame=number, time_s=number / 5.0, chase=None, so_far=scores))
+    with mock.patch("midnet_bench.drawing.films.write") as write:
+        board.page()
+    texts = [call.args[3] for call in write.call_args_list]
+    assert texts.count("so far: recall 0.50, precision 1.00") == 2
