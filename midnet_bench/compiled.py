@@ -1,9 +1,10 @@
 """``njit`` for the compiled loops, and the folder that keeps what numba makes of them.
 
 numba compiles a function anew when the file of that function changes, but not when a file changes that it
-calls into or takes a number from. So the folder's name holds a digest of the sources, of the libraries and of
-the processor: other code is other machine code, whatever was compiled before. numba also reads options from a
-file in the working folder; here it does not, since a file put there could make it load code.
+calls into or takes a number from. So the folder's name holds a digest of the libraries and of the processor,
+and each module's folder in it a digest of that module and of all that it imports: an edit compiles what
+depends on it and nothing else. numba also reads options from a file in the working folder; here it does not,
+since a file put there could make it load code.
 """
 
 import atexit
@@ -13,12 +14,13 @@ import hashlib
 import importlib
 import logging
 import os
+import re
 import shutil
 import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -31,10 +33,8 @@ _LOG = logging.getLogger("midnet_bench")
 PACKAGE = Path(__file__).parent
 VARIABLE = "NUMBA_CACHE_DIR"
 """the environment variable, numba's own, that names the folder for compiled loops"""
-WITHOUT_LOOPS = {
-    *("analysis", "campaign", "cli", "drawing", "experiments", "page", "recording", "scoring", "workflows")
-}
-"""rooms that no loop takes anything from; of their files those count that have a loop"""
+IMPORT = re.compile(rb"^[ \t]*from (midnet_bench[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+"""an import of a module of this package; no other form stands in it"""
 after_compiling: list[Callable[[], None]] = []
 """what is called each time that this process has compiled a loop for one signature"""
 
@@ -125,7 +125,8 @@ class Locator:
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         self._py_file = file  # numba's warnings name it
-        self._path = Path(cast(Path, folder()), function.__module__)
+        module = function.__module__
+        self._path = Path(cast(Path, folder()), f"{module}-{digest_of_sources([module])}")
         self._line = function.__code__.co_firstlineno
 
     @classmethod
@@ -142,7 +143,7 @@ class Locator:
         return str(self._path)
 
     def get_source_stamp(self) -> str:
-        """Machine code with another stamp is not taken; here the folder's name says all."""
+        """Machine code with another stamp is not taken; here the folders' names say all."""
         return ""
 
     def get_disambiguator(self) -> str:
@@ -196,20 +197,69 @@ def _is_private(path: Path) -> bool:
 
 @cache
 def digest() -> str:
-    """What machine code depends on: sources, libraries, processor, numba's options; 16 hexadecimal digits."""
+    """What all machine code depends on: libraries, processor, numba's options; 16 hexadecimal digits."""
     import llvmlite.binding as llvm
 
-    found = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        name, source = path.relative_to(PACKAGE), path.read_bytes()
-        if name.parts[0] not in WITHOUT_LOOPS or b"njit" in source:
-            found.update(f"{name.as_posix()} {len(source)}\n".encode() + source)
     named = {key: value for key, value in os.environ.items() if key.startswith("NUMBA_")}
     options = sorted((key, named[key]) for key in named.keys() - {VARIABLE, "NUMBA_NUM_THREADS"})
     libraries = [version(library) for library in ("numba", "llvmlite", "numpy")]
     processor = (llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
-    found.update(repr((sys.version, libraries, processor, options)).encode())
-    return found.hexdigest()[:16]
+    text = repr((sys.version, libraries, processor, options))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def digest_of_sources(modules: Iterable[str]) -> str:
+    """What the machine code of ``modules`` depends on: their sources and those of all that they import.
+
+    Returns:
+        16 hexadecimal digits.
+    """
+    digested = hashlib.sha256()
+    for name in sorted(import_closure(modules)):
+        source = _source(name)
+        digested.update(f"{name} {len(source)}\n".encode() + source)
+    return digested.hexdigest()[:16]
+
+
+def import_closure(modules: Iterable[str]) -> set[str]:
+    """``modules`` of this package and all modules of it that they import, also by way of others."""
+    reached: set[str] = set()
+    waiting = set(modules)
+    while waiting:
+        reached |= waiting
+        waiting = {name for module in waiting for name in _imports(module)} - reached
+    return reached
+
+
+@cache
+def with_loops() -> list[str]:
+    """The modules of this package that have a compiled loop."""
+    paths = sorted(PACKAGE.rglob("*.py"))
+    names = (".".join(("midnet_bench", *path.relative_to(PACKAGE).with_suffix("").parts)) for path in paths)
+    return [name for name in names if b"\n@njit\n" in _source(name)]
+
+
+@cache
+def _source(module: str) -> bytes:
+    """The source of a module of this package; empty for a package without one, and for what is no module."""
+    if module.split(".")[0] != "midnet_bench":
+        return b""
+    path = PACKAGE.joinpath(*module.split(".")[1:])
+    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate.read_bytes()
+    return b""
+
+
+@cache
+def _imports(module: str) -> list[str]:
+    """The modules of this package that a module imports; names that may be modules too."""
+    found: list[str] = []
+    if module == "midnet_bench":  # its public names are imported when they are used, by no loop
+        return found
+    for home, names in IMPORT.findall(_source(module)):
+        found += [home.decode(), *(f"{home.decode()}.{name.decode()}" for name in re.findall(rb"\w+", names))]
+    return [name for name in found if _source(name)]
 
 
 @cache

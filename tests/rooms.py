@@ -1,38 +1,47 @@
-"""The lines of each room beside those that docs/architecture.md allows: ``python -m tests.rooms``."""
+"""The lines of each room and the difference to the last commit, as information: ``python -m tests.rooms``."""
 
-import re
+import subprocess
+from collections import Counter
 from pathlib import Path
 
 import midnet_bench
 
 PACKAGE = Path(midnet_bench.__file__).parent
-PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
+TOP = "top"
+"""stands for the modules beside the rooms"""
 
 
-def lines() -> dict[str, int]:
-    """Room -> lines of Python, docstrings too; ``top`` for the modules beside the rooms."""
-    counts: dict[str, int] = {}
+def room_of(parts: tuple[str, ...]) -> str:
+    """The room of a file with this path inside the package."""
+    return parts[0] if len(parts) > 1 else TOP
+
+
+def lines() -> Counter[str]:
+    """Room -> lines of Python, docstrings too."""
+    counts: Counter[str] = Counter()
     for path in PACKAGE.rglob("*.py"):
-        room = path.relative_to(PACKAGE).parts[0] if path.parent != PACKAGE else "top"
-        counts[room] = counts.get(room, 0) + path.read_text(encoding="utf-8").count("\n")
+        counts[room_of(path.relative_to(PACKAGE).parts)] += path.read_bytes().count(b"\n")
     return counts
 
 
-def allowed() -> dict[str, tuple[int, int]]:
-    """Room -> the most lines that it may have now, and those that it is meant to have."""
-    rows = re.findall(r"^\| `(\w+)/?` \| (\d+) \| (\d+) \|$", PAGE.read_text(encoding="utf-8"), flags=re.M)
-    return {room: (int(most), int(plan)) for room, most, plan in rows}
+def lines_added() -> Counter[str]:
+    """Room -> lines added less lines removed since the last commit; none where git has no answer."""
+    command = ["git", "diff", "--numstat", "--no-renames", "--relative", "HEAD", "--", "*.py"]
+    answer = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True).stdout
+    counts: Counter[str] = Counter()
+    for line in answer.splitlines():
+        added, removed, path = line.split("\t")
+        counts[room_of(Path(path).parts)] += int(added) - int(removed)
+    return counts
 
 
 def main() -> None:
     """Print a line for each room, and the sum."""
-    counts, limits = lines(), allowed()
-    print(f"{'room':<14}{'lines':>7}{'most':>7}{'plan':>7}")
-    for room in sorted(counts, key=lambda room: -counts[room]):
-        most, plan = limits.get(room, (0, 0))
-        print(f"{room:<14}{counts[room]:>7}{most:>7}{plan:>7}")
-    sums = sum(counts.values()), *map(sum, zip(*limits.values(), strict=True))
-    print(f"{'all':<14}" + "".join(f"{number:>7}" for number in sums))
+    counts, added = lines(), lines_added()
+    print(f"{'room':<14}{'lines':>7}{'added':>7}")
+    for room, count in counts.most_common():
+        print(f"{room:<14}{count:>7}{added[room]:>+7}")
+    print(f"{'all':<14}{counts.total():>7}{added.total():>+7}")
 
 
 if __name__ == "__main__":

@@ -204,10 +204,11 @@ def compile_ahead(campaign: ResolvedCampaign, show: Show = lambda done, total: N
     folder = compiled.folder()
     if name not in SHORT or folder is None:
         return
+    loops = compiled.digest_of_sources(compiled.with_loops())
     wanted = {tuple((key, cell[key]) for key in DECIDING if key in cell): cell for cell in campaign.cells}
     for chosen in wanted:
         key = "-".join([name, *(str(value).partition(":")[0].replace("/", "_") for _, value in chosen)])
-        is_done = folder / f"{key}.compiled"
+        is_done = folder / f"{key}-{loops}.compiled"
         if is_done.exists():
             continue
         with _counted(show), contextlib.suppress(Exception):
