@@ -103,7 +103,8 @@ class Costmap:
         """Take one scan: clear along all beams, then mark all hits, then free the footprint.
 
         ``pose``: the robot's at the scan's instant, in the costmap's frame. ``ranges_m``: (B,), inf or NaN
-        where nothing came back, which never marks. Raises ValueError: a pose is not finite, or there is not one range a beam.
+        where nothing came back, which never marks. Raises ValueError: a pose is not finite, or there is not
+        one range a beam.
         """
         pose.require_finite()
         sensor_pose = pose.compose(geometry.mount)

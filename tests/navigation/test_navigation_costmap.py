@@ -480,15 +480,14 @@ def test_a_beam_that_ends_on_the_windows_edge_clears_its_way(angle: float) -> No
 def test_a_beam_clears_up_to_where_it_leaves_the_grid(
     start: tuple[int, int], step: tuple[int, int], times: float
 ) -> None:
-    """From a lattice point, to others inside, on every edge, at corners and beyond: exact in binary cells."""
+    """From a lattice point, to others inside, on every edge, at corners and beyond: whole cells."""
     cells = np.full((40, 40), LETHAL, dtype=np.uint8)
     length = math.hypot(*step) * times
     if length == 0.0:
         return
     beam = np.array([[step[0] / math.hypot(*step), step[1] / math.hypot(*step)]])
-    integrate_scan(
-        cells, 1.0, (float(start[0]), float(start[1]), 0.0), np.array([length]), beam, (0.0, 1e3, 0.0), 99, True
-    )
+    sensor = (float(start[0]), float(start[1]), 0.0)
+    integrate_scan(cells, 1.0, sensor, np.array([length]), beam, (0.0, 1e3, 0.0), 99, True)
     rows, columns = np.nonzero(cells != LETHAL)
     assert cells[start[1], start[0]] == 0
     inside = 1.0  # of the way, up to where the beam leaves the grid
