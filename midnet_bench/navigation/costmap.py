@@ -103,7 +103,8 @@ class Costmap:
         """Take one scan: clear along all beams, then mark all hits, then free the footprint.
 
         ``pose``: the robot's at the scan's instant, in the costmap's frame. ``ranges_m``: (B,), inf or NaN
-        where nothing came back. Raises ValueError: a pose is not finite, or there is not one range a beam.
+        where nothing came back, which never marks. Raises ValueError: a pose is not finite, or there is not
+        one range a beam.
         """
         pose.require_finite()
         sensor_pose = pose.compose(geometry.mount)
@@ -373,6 +374,9 @@ def integrate_scan(
     ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. ``range_limits``: least and
     largest range and the obstacle range, metres. A range outside [least, largest) neither clears nor marks,
     except that +inf clears under ``inf_is_valid``. A hit at the obstacle range exactly is not marked.
+
+    A beam without a return never marks (item 8). costmap_2d takes it for a return at the largest range less
+    0.1 mm, and marks that where the obstacle range reaches as far.
     """
     height, width = cells.shape
     flat = cells.reshape(-1)
@@ -394,7 +398,8 @@ def integrate_scan(
         a = reach * (cos_yaw * directions[i, 0] - sin_yaw * directions[i, 1])
         b = reach * (sin_yaw * directions[i, 0] + cos_yaw * directions[i, 1])
         x, y = sensor_x + a, sensor_y + b
-        if distance < range_limits[2] and 0.0 <= x < width and 0.0 <= y < height:
+        # not "distance", which is finite where nothing came back
+        if ranges[i] < range_limits[2] and 0.0 <= x < width and 0.0 <= y < height:
             marked[count] = int(y) * width + int(x)
             count += 1
         if not inside:
@@ -407,9 +412,10 @@ def integrate_scan(
             x, y = width - pulled_in, sensor_y + b * (width - sensor_x) / a
         if y > height:
             x, y = sensor_x + a * (height - sensor_y) / b, height - pulled_in
-        end_x, end_y = int(x), int(y)
+        # A beam may end on the right or upper edge, or be cut there by a rounding error past a corner.
+        end_x, end_y = min(int(x), width - 1), min(int(y), height - 1)
         # Beams a degree apart often end in one cell, and the line to it is the same.
-        if 0 <= end_x < width and 0 <= end_y < height and end_y * width + end_x != last_end:
+        if end_x >= 0 and end_y >= 0 and end_y * width + end_x != last_end:
             last_end = end_y * width + end_x
             clear_line(flat, width, start_x, start_y, end_x, end_y, raytrace_cells)
     for i in range(count):

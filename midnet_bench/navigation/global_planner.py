@@ -33,6 +33,9 @@ BLOCKED = 254  # traversal cost of a cell that the wave does not enter
 _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
 _REPLAN_PERIOD_S = 1.0  # Least time between two potentials.
+_GREATEST_AGE_S = 2.0
+"""A potential older than this is made anew once an obstacle has gone, wherever that was: a shorter way may have
+opened. move_base makes one at planner_frequency, 5 Hz, whether anything changed or not; ours is an economy."""
 _CHANGE_RADIUS_M = 0.3  # An obstacle so near to the plan that comes or goes calls for another potential.
 _MARGIN_M = 2.0  # A robot may go so much farther from its goal before the potential has to be made anew.
 _POCKET_M2 = 1.0  # A goal from which the potential reaches less floor than this is closed in.
@@ -42,9 +45,11 @@ class GlobalPlanner:
     """Plans to one goal over a global costmap.
 
     One potential serves until there is a reason for another: none yet, no way down from where the robot is,
-    or an obstacle that came or went near the plan ahead, away from the static map's walls, whose noise never
-    matters. So a robot has a plan from where it is at planner rate, as under move_base, at the price of a
-    trace each time and a potential every few seconds. The wave starts at the goal, navfn's at the robot.
+    an obstacle that came or went near the plan ahead, or, once it is two seconds old, one that has gone
+    anywhere; all away from the static map's walls, whose noise never matters. So a robot has a plan from
+    where it is at planner rate, as under move_base, at the price of a trace each time and a potential every
+    few seconds; it takes a shorter way up to two seconds later. The wave starts at the goal, navfn's at the
+    robot.
     """
 
     def __init__(self, costmap: GlobalCostmap, goal_tolerance_m: float) -> None:
@@ -77,7 +82,10 @@ class GlobalPlanner:
         path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
         if path is not None and not self._doubted and costmap.marks.shape == then.shape:
             place = costmap.origin, costmap.settings.resolution, self._change_cells
-            if not changed_near(costmap.marks, then, costmap.static_costs, path, *place):
+            is_old = time_s - self._computed_at_s > _GREATEST_AGE_S
+            if not changed_near(costmap.marks, then, costmap.static_costs, path, *place) and not (
+                is_old and have_gone(costmap.marks, then, costmap.static_costs)
+            ):
                 return path
         if time_s - self._computed_at_s < _REPLAN_PERIOD_S:
             return path
@@ -420,4 +428,17 @@ def changed_near(
                 beside = without[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
                 if not (beside == LETHAL).any():
                     return True
+    return False
+
+
+@njit
+def have_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
+    """Whether any cell of the grid ceased to be lethal, by the rule of ``changed_near``."""
+    height, width = now.shape
+    for y in range(height):
+        for x in range(width):
+            if then[y, x] != LETHAL or now[y, x] == LETHAL or static_costs[y, x] >= INSCRIBED:
+                continue
+            if not (now[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] == LETHAL).any():
+                return True
     return False

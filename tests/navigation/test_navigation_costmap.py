@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
@@ -21,6 +21,7 @@ from midnet_bench.navigation.costmap import (
     clear_line,
     inflate,
     inflation_costs,
+    integrate_scan,
     is_open_line,
     published,
     reach_cells,
@@ -414,3 +415,86 @@ def test_a_line_is_open_where_no_cell_that_a_beam_clears_is_lethal(seed: int) ->
     is_open = (cleared == cells).all()
     assert is_open_line(cells, x0 + 0.3, y0 + 0.9, x1 + 0.5, y1 + 0.1) == is_open
     assert not is_open_line(cells, x0 + 0.3, -0.1, x1 + 0.5, y1 + 0.1)
+
+
+# What beams without a return, and beams to the very edge, leave
+
+
+@pytest.mark.parametrize("range_max_m", [2.0, 2.49, 2.51, 3.5])
+@pytest.mark.parametrize("obstacle_range_m", [2.5, 3.5, 4.0])
+@pytest.mark.parametrize("whole_map", [False, True])
+def test_a_beam_without_a_return_marks_nothing_and_clears_its_way(
+    range_max_m: float, obstacle_range_m: float, whole_map: bool
+) -> None:
+    lidar = dataclasses.replace(LDS_01, range_max_m=range_max_m)
+    chosen = dataclasses.replace(BARE, size_m=8.0, obstacle_range_m=obstacle_range_m, inf_is_valid=True)
+    costmap = GlobalCostmap(chosen, empty_map(160)) if whole_map else RollingCostmap(chosen)
+    pose = Pose2D(4.0, 4.0, 0.3)
+    costmap.update(pose, np.full(lidar.beams, 1.0), lidar, 0.0)
+    assert len(marked(costmap)) > 90
+    costmap.update(pose, np.full(lidar.beams, math.inf), lidar, 0.2)
+    assert marked(costmap) == []
+
+
+@given(st.lists(st.sampled_from([math.inf, math.nan, 1.0, 1.9, 2.0, 2.5, 3.0]), min_size=24, max_size=24))
+def test_a_scan_marks_where_its_returns_end_and_nowhere_else(ranges: list[float]) -> None:
+    """A range at or above the sensor's largest, 2 m here, is no return: it neither marks nor clears."""
+    lidar = LidarGeometry(24, 0.1, math.tau / 24, 0.12, 2.0, Pose2D(0.0, 0.0, 0.0))
+    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=8.0, obstacle_range_m=4.0, inf_is_valid=True))
+    costmap.update(START, np.array(ranges), lidar, 0.0)
+    ends = [
+        (math.floor(20 * (0.025 + r * math.cos(a))), math.floor(20 * (0.025 + r * math.sin(a))))
+        for r, a in zip(ranges, lidar.angles_rad, strict=True)
+        if r < 2.0
+    ]
+    assert set(marked(costmap)) == set(ends)
+
+
+@pytest.mark.parametrize("angle", [0.0, math.pi / 2, math.pi, -math.pi / 2])
+def test_a_beam_that_ends_on_the_windows_edge_clears_its_way(angle: float) -> None:
+    chosen = dataclasses.replace(BARE, size_m=2.0, raytrace_range_m=10.0)
+    lidar = LidarGeometry(1, angle, 0.01, 0.0, 10.0, Pose2D(0.0, 0.0, 0.0))
+    freed = []
+    for length in (1.0, 1.0 + 1e-6):
+        costmap = RollingCostmap(chosen)
+        costmap.update(Pose2D(0.0, 0.0, 0.0), np.array([math.nan]), lidar, 0.0)
+        costmap.marks.fill(LETHAL)
+        costmap.update(Pose2D(0.0, 0.0, 0.0), np.array([length]), lidar, 0.0)
+        freed.append(int(np.count_nonzero(costmap.marks == 0)))
+    assert freed[0] >= 20
+    assert freed[1] - freed[0] in (0, 1)  # the cell of a hit on the lower or left edge, which is inside
+
+
+@given(
+    st.tuples(st.integers(1, 39), st.integers(1, 39)),
+    st.tuples(st.integers(-40, 40), st.integers(-40, 40)),
+    st.floats(0.5, 3.0),
+)
+@example((20, 20), (20, 20), 1.0)
+@example((20, 20), (20, 20), 2.0)
+@example((20, 20), (-20, 20), 1.0)
+@example((20, 20), (-20, -20), 1.0)
+@example((20, 20), (20, -20), 1.0)
+@example((20, 20), (20, 7), 1.0)
+@example((20, 20), (7, 20), 1.0)
+def test_a_beam_clears_up_to_where_it_leaves_the_grid(
+    start: tuple[int, int], step: tuple[int, int], times: float
+) -> None:
+    """From a lattice point, to others inside, on every edge, at corners and beyond: whole cells."""
+    cells = np.full((40, 40), LETHAL, dtype=np.uint8)
+    length = math.hypot(*step) * times
+    if length == 0.0:
+        return
+    beam = np.array([[step[0] / math.hypot(*step), step[1] / math.hypot(*step)]])
+    sensor = (float(start[0]), float(start[1]), 0.0)
+    integrate_scan(cells, 1.0, sensor, np.array([length]), beam, (0.0, 1e3, 0.0), 99, True)
+    rows, columns = np.nonzero(cells != LETHAL)
+    assert cells[start[1], start[0]] == 0
+    inside = 1.0  # of the way, up to where the beam leaves the grid
+    for place, move in zip(start, step, strict=True):
+        if move != 0:
+            room = (40 - place) if move > 0 else place
+            inside = min(inside, room / abs(move * times))
+    end = [place + move * times * inside for place, move in zip(start, step, strict=True)]
+    nearest = np.hypot(columns + 0.5 - end[0], rows + 0.5 - end[1]).min()
+    assert nearest <= math.hypot(0.5, 0.5) + 1e-6

@@ -115,6 +115,55 @@ def test_an_obstacle_that_is_not_on_the_map_is_driven_round(potentials: list[obj
     assert robot.travelled_m > 3.0
 
 
+def held(prior: World, then: World, gone_s: float, seconds: float, goal: tuple[float, float]) -> Navigator:
+    """The navigator of a robot that is held at (1.5, 2.0) and saw ``then`` before and ``prior`` after."""
+    navigator, pose = Navigator(prior.occupancy()), Pose2D(1.5, 2.0, 0.0)
+    navigator.set_goal(*goal)
+    for k in range(round(10 * seconds)):
+        now = k / 10
+        if k % 2 == 0:
+            world = then if now < gone_s else prior
+            navigator.observe(pose, world.scan(pose, [], LDS_01), LDS_01, now)
+        navigator.control(pose, STOP, now)
+    return navigator
+
+
+def length(navigator: Navigator) -> float:
+    plan = navigator.plan()
+    assert plan is not None
+    return float(np.hypot(*np.diff(plan, axis=0).T).sum())
+
+
+DOORS = enclosure(12.0, Box(3.0, 0.0, 3.1, 1.5), Box(3.0, 2.5, 3.1, 9.0), Box(3.0, 10.0, 3.1, 12.0))
+"""A wall with a door of a metre near the robot that is held, and another one 7.5 m farther up."""
+SHUT = enclosure(12.0, Box(3.0, 0.0, 3.1, 9.0), Box(3.0, 10.0, 3.1, 12.0))
+
+
+@pytest.mark.parametrize(
+    ("prior", "then", "gone_s", "least_m", "most_m"),
+    [
+        pytest.param(DOORS, SHUT, 2.0, 14.0, 3.3, id="a door"),
+        pytest.param(
+            enclosure(12.0), enclosure(12.0, Box(2.5, 0.4, 2.6, 3.6)), 1.0, 4.0, 3.1, id="a screen"
+        ),
+    ],
+)
+def test_the_short_way_is_taken_again_within_two_seconds_after_what_closed_it_has_gone(
+    prior: World, then: World, gone_s: float, least_m: float, most_m: float
+) -> None:
+    goal = (4.5, 2.0)
+    assert length(held(prior, then, gone_s, gone_s, goal)) > least_m
+    navigator = held(prior, then, gone_s, gone_s + 2.5, goal)
+    assert length(navigator) < most_m
+
+
+def test_a_plan_is_kept_for_as_long_as_no_way_opens(potentials: list[object]) -> None:
+    """A standing obstacle, seen with and without an end of it that noise takes away, frees nothing."""
+    prior = enclosure(12.0)
+    held(prior, enclosure(12.0, Box(2.5, 1.0, 2.6, 3.0)), 20.0, 20.0, (4.5, 2.0))
+    assert len(potentials) <= 3
+
+
 def test_robots_that_meet_head_on_pass_each_other() -> None:
     world = enclosure(4.0, Box(0.0, 0.0, 4.0, 1.4), Box(0.0, 2.6, 4.0, 4.0))  # a corridor of 1.2 m
     prior = world.occupancy()
@@ -263,6 +312,6 @@ for module in pkgutil.iter_modules(room.__path__):
     signatures = dict(line.split() for line in run.stdout.splitlines())
     # Those that others call have none of their own when they come from the cache.
     assert set(signatures.values()) <= {"0", "1"}
-    called = "best_velocity changed_near clear_footprint distance_grids inflate integrate_scan"
+    called = "best_velocity changed_near clear_footprint distance_grids have_gone inflate integrate_scan"
     called += " path_down propagate roll_out search_rollouts turn_is_free"
     assert [name for name in called.split() if signatures[name] != "1"] == []
