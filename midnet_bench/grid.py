@@ -172,5 +172,7 @@ def cells_to_unset(cells: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 
     The squares are whole numbers, so their roots are rounded here: OpenCV's go by the number of its threads.
     """
+    if not cells.size:  # which OpenCV does not survive
+        return np.zeros(cells.shape, np.float32)
     found = cv2.distanceTransform(cells.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(np.sqrt(np.rint(np.square(found, dtype=np.float64))), dtype=np.float32)
