@@ -63,11 +63,9 @@ class OccupancyGrid:
         return np.asarray(self.origin[1] + (np.arange(self.height) + 0.5) * self.resolution)
 
     def cell_at(self, x: float, y: float) -> tuple[int, int]:
-        """(column, row) of the cell that holds the point, by floor; may lie outside the grid."""
-        return (
-            math.floor((x - self.origin[0]) / self.resolution),
-            math.floor((y - self.origin[1]) / self.resolution),
-        )
+        """(column, row) of the cell that holds the point, by ``cell_along``; may lie outside the grid."""
+        (left, low), resolution = self.origin, self.resolution
+        return cell_along(x - left, resolution), cell_along(y - low, resolution)
 
     def center_of(self, column: int, row: int) -> tuple[float, float]:
         """(x, y) of a cell's centre, metres."""
@@ -128,8 +126,16 @@ def cell_centers(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArr
     return np.stack((grid.x_centers[columns], grid.y_centers[rows]), axis=1)
 
 
+def cell_along(distance_m: float, resolution: float) -> int:
+    """The cell that is so far from a lattice's start along one axis, by floor; on an edge, the upper one.
+
+    Of a cell's edge, too, where bare division misses it: 0.15 / 0.05 is 2.9999999999999996.
+    """
+    return math.floor(distance_m / resolution + _SLACK)
+
+
 def cells_of(grid: OccupancyGrid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
-    """(N, 2) column and row of the cell that each of (N, 2) points lies in, on the grid or off it."""
+    """(N, 2) ``cell_along`` both axes, column and row, of each of (N, 2) points, on the grid or off it."""
     return np.asarray(np.floor((points - grid.origin) / grid.resolution + _SLACK).astype(np.int64))
 
 
@@ -166,5 +172,7 @@ def cells_to_unset(cells: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 
     The squares are whole numbers, so their roots are rounded here: OpenCV's go by the number of its threads.
     """
+    if not cells.size:  # which OpenCV does not survive
+        return np.zeros(cells.shape, np.float32)
     found = cv2.distanceTransform(cells.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(np.sqrt(np.rint(np.square(found, dtype=np.float64))), dtype=np.float32)

@@ -63,3 +63,13 @@ def test_distances_are_the_exact_ones_however_many_threads_opencv_has():
             assert (cells_to_unset(cells) == exact).all()
     finally:
         cv2.setNumThreads(before)
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0), (1, 1), (1, 20), (20, 1)])
+def test_grids_of_one_row_or_column_and_of_no_cells(shape: tuple[int, int]) -> None:
+    for share in (0.3, 1.0):
+        cells = np.random.default_rng(1).random(shape) < share
+        found = cells_to_unset(cells)
+        assert found.shape == connected_to(0, 0, cells).shape == shape
+        if not cells.all():
+            assert (found == distance_transform_edt(cells).astype(np.float32)).all()

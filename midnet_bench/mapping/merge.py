@@ -89,7 +89,8 @@ def _features(grid: OccupancyGrid) -> tuple[Floats, npt.NDArray[np.uint8]]:
     """((N, 2) x, y in the grid's frame in metres, (N, 61) descriptors)."""
     not_wall = (grid.data < OCCUPIED_FROM).view(np.uint8)
     descriptors = None
-    if not not_wall.all():
+    # of one row AKAZE writes past the end of its buffers, and of one cell it raises cv2.error
+    if not not_wall.all() and min(not_wall.shape) > 1:
         distance_m = cells_to_unset(not_wall) * grid.resolution
         image = np.rint(np.minimum(distance_m, _HALO_M) * (255.0 / _HALO_M)).astype(np.uint8)
         keypoints, descriptors = cv2.AKAZE.create().detectAndCompute(image, None)

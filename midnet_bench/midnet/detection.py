@@ -78,8 +78,7 @@ EMPTY_CROP = Crop(0, 0, 0, 0, 0, 0, 0, 0)
 
 def robot_cell(pose: Pose2D, prior: OccupancyGrid) -> tuple[int, int]:
     """(x_c, y_c) of Eq. 4: the (column, row) of the prior map where the robot is, by floor (item 16)."""
-    x_0, y_0 = prior.origin
-    return math.floor((pose.x - x_0) / prior.resolution), math.floor((pose.y - y_0) / prior.resolution)
+    return prior.cell_at(pose.x, pose.y)
 
 
 def window_around(cell: tuple[int, int], width: int, height: int) -> Window:

@@ -78,27 +78,28 @@ def remove_ally_detections(
         boxes: of the whole team, robot after robot.
         starts: for each robot j where its list (``j.d``) begins, and where the last one ends.
         squares: ``bbox`` of each ally i; those behind the robots' have no list.
-        threshold: t, 0 < t <= 1; an IoU of t or more is the ally (item 29).
+        threshold: t, 0 < t <= 1; an IoU of t or more is the ally (item 29), but for ROUNDING.
         remove: FIRST in the list, as the paper; BEST IoU; or ALL of t or more.
 
     ``kept`` and ``removed`` of ``TeamBoxes`` come back.
     """
     gone = np.zeros(len(boxes), np.bool_)
     removed, removals = np.empty((len(boxes), 2), np.int64), 0
+    least = threshold * (1.0 - ROUNDING)
     for i in range(len(squares)):
         for j in range(len(starts) - 1):
             if i == j:
                 continue
-            taken, highest = -1, threshold
+            taken, highest = -1, 0.0
             for k in range(starts[j], starts[j + 1]):
                 score = 0.0 if gone[k] else iou(squares[i], boxes[k])
-                if score < threshold or (remove == FIRST and taken >= 0):
+                if score < least or (remove == FIRST and taken >= 0):
                     continue
                 if remove == ALL:
                     gone[k] = True
                     removed[removals] = i, k
                     removals += 1
-                elif taken < 0 or score > highest:
+                elif score > highest * (1.0 + ROUNDING):
                     taken, highest = k, score
             if taken >= 0:
                 gone[taken] = True

@@ -12,7 +12,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D
-from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
+from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, cell_along
 from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 Cells = npt.NDArray[np.uint8]
@@ -198,10 +198,11 @@ class RollingCostmap(Costmap):
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)
         left, bottom, resolution = self._lattice
-        x, y = (pose.x - left) / resolution, (pose.y - bottom) / resolution
         if self.settings.centered:
-            column, row = math.floor(x) - n // 2, math.floor(y) - n // 2
+            column = cell_along(pose.x - left, resolution) - n // 2
+            row = cell_along(pose.y - bottom, resolution) - n // 2
         else:
+            x, y = (pose.x - left) / resolution, (pose.y - bottom) / resolution
             half = (n - 0.5) / 2.0
             column, row = self.column + int(x - half - self.column), self.row + int(y - half - self.row)
         self._move_to(column, row, n, n)

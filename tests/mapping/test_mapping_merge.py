@@ -1,4 +1,6 @@
 import math
+import subprocess
+import sys
 from typing import NamedTuple
 
 import cv2
@@ -147,6 +149,27 @@ def test_maps_with_nothing_to_match_are_refused(empty, pillars):
     blank = OccupancyGrid(np.full((60, 60), VALUES[empty], dtype=np.int8), 0.05, (0.0, 0.0))
     for pair in ((blank, pillars.left), (pillars.left, blank), (blank, blank)):
         assert match_maps(*pair).refusal
+
+
+SMALL_MAPS = """
+import numpy as np
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping.merge import match_maps
+
+rng = np.random.default_rng(1)
+room = OccupancyGrid(rng.choice([-1, 0, 100], size=(60, 80)).astype(np.int8), 0.05, (0.0, 0.0))
+for rows, columns in ((0, 0), (0, 5), (5, 0), (1, 1), (1, 20), (20, 1), (1, 300), (2, 2), (2, 20), (20, 2)):
+    for _ in range(10):
+        cells = rng.choice([-1, 0, 100], size=(rows, columns), p=[0.2, 0.6, 0.2]).astype(np.int8)
+        small = OccupancyGrid(cells, 0.05, (0.0, 0.0))
+        for match in (match_maps(small, room), match_maps(room, small), match_maps(small, small)):
+            assert match.refusal == "too few features match", (rows, columns)
+"""
+
+
+def test_a_map_too_small_for_features_is_refused():
+    # in a process of its own: of one row OpenCV's AKAZE spoils the heap
+    subprocess.run([sys.executable, "-c", SMALL_MAPS], check=True)
 
 
 @pytest.mark.slow

@@ -1,5 +1,8 @@
 """Algorithm 2, on boxes of whole cells."""
 
+import itertools
+from fractions import Fraction
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -49,6 +52,50 @@ def test_iou_of_exactly_t_is_the_ally(t: float, left: int) -> None:
     half = of(0, Box(0.0, 0.0, 1.0, 0.5))
     result = remove_ally_detections([FAR, Pose2D(0.5, 0.5, 0.0)], [half, []], 1.0, t)
     assert len(result.kept[0]) == left
+
+
+def exact_iou(a: tuple[Fraction, ...], b: tuple[Fraction, ...]) -> Fraction:
+    """Eq. 7 without rounding."""
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    both = max(width, Fraction(0)) * max(height, Fraction(0))
+    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
+    return both / (sum(areas) - both)
+
+
+@pytest.mark.parametrize("remove", ["first", "best", "all"])
+def test_exact_ties_are_removed_wherever_they_lie_on_the_map(remove: AllyRemove) -> None:
+    cell, side = Fraction(1, 20), 3
+    thresholds = {Fraction(*t): 0 for t in ((1, 20), (1, 10), (1, 9), (1, 8), (1, 5), (1, 4), (1, 3), (1, 2))}
+    places = [(0, 0), (83, 7), (-61, -120)]
+    for width, height, dx, dy in itertools.product(range(1, 7), range(1, 7), range(-6, 3), range(-6, 3)):
+        for column, row in places:
+            square = [(column + c) * cell for c in (0, side)] + [(row + c) * cell for c in (0, side)]
+            ally = (square[0], square[2], square[1], square[3])
+            x, y = (column + dx) * cell, (row + dy) * cell
+            box = (x, y, x + width * cell, y + height * cell)
+            t = exact_iou(ally, box)
+            if t not in thresholds:
+                continue
+            thresholds[t] += 1
+            pose = Pose2D(float((ally[0] + ally[2]) / 2), float((ally[1] + ally[3]) / 2), 0.0)
+            seen = of(0, Box(*map(float, box)))
+            result = remove_ally_detections([FAR, pose], [seen, []], float(side * cell), float(t), remove)
+            assert result.kept[0] == [], (box, t)
+            more = remove_ally_detections(
+                [FAR, pose], [seen, []], float(side * cell), float(t) * 1.001, remove
+            )
+            assert more.kept[0] == seen
+    assert min(thresholds.values()) >= 3, thresholds
+
+
+def test_the_first_of_the_best_goes_where_their_cells_tie() -> None:
+    # 2 of 6 cells in common, below and above the ally; metres round the second one up by an ulp or two
+    for row in range(-40, 40):
+        low, lower, upper, high = ((row + c) * 0.05 for c in (-1, 1, 1, 3))
+        seen = of(0, Box(0.0, low, 0.1, lower), Box(0.0, upper, 0.1, high))
+        pose = Pose2D(0.05, (row + 1) * 0.05, 0.0)
+        result = remove_ally_detections([FAR, pose], [seen, []], 0.1, 0.1, "best")
+        assert result.removed == [(seen[0], 1)], row
 
 
 def as_the_paper_writes_it(

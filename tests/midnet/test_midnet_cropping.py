@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.geometry import LidarGeometry, Pose2D
+from midnet_bench.grid import OccupancyGrid, cells_of
 from midnet_bench.midnet.detection import (
     EMPTY_CROP,
     crop_to_prior,
@@ -14,6 +14,8 @@ from midnet_bench.midnet.detection import (
     window_around,
     window_at_origin,
 )
+from midnet_bench.navigation.costmap import RollingCostmap
+from midnet_bench.navigation.navigation_settings import CostmapSettings
 from tests.midnet.ascii_maps import characters, side_by_side
 
 # cases a to j of the figure: ``.`` the prior map alone, ``o`` the local grid alone, ``X`` both
@@ -26,6 +28,7 @@ CASES = side_by_side(
     """
 )
 
+LIDAR = LidarGeometry(1, 0.0, 0.01, 0.1, 1.0, Pose2D(0.0, 0.0, 0.0))
 SIZES = st.integers(1, 12)
 PLACES = st.integers(-20, 20)
 
@@ -98,6 +101,35 @@ def blank(width: int, height: int, resolution: float, origin: tuple[float, float
 def test_robot_cell_is_the_floor_of_eq_4(x: float, y: float, cell: tuple[int, int]) -> None:
     prior = blank(10, 10, 0.5, (-4.0, -3.0))
     assert robot_cell(Pose2D(x, y, 1.0), prior) == cell
+
+
+NEAT_ORIGINS = [(0.0, 0.0), (-10.0, -10.0), (-4.35, 2.15), (0.025, -0.01), (448262.25, 5411932.5)]
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.025, 0.2, 1.0 / 30.0])
+@pytest.mark.parametrize("origin", NEAT_ORIGINS)
+def test_a_pose_on_an_edge_is_on_the_upper_cell_for_all_that_ask(
+    resolution: float, origin: tuple[float, float]
+) -> None:
+    prior = blank(8, 6, resolution, origin)
+    cells = np.arange(-400, 400)
+    # as a person writes them: in millimetres, where the grid is
+    points = np.stack([np.round(start + cells * resolution, 9) for start in origin], axis=1)
+    settings = CostmapSettings(resolution=resolution, size_m=2.0, centered=True)
+    half = round(2.0 / resolution) // 2
+    for cell, (x, y), found in zip(cells.tolist(), points.tolist(), cells_of(prior, points), strict=True):
+        pose = Pose2D(x, y, 0.0)
+        assert robot_cell(pose, prior) == prior.cell_at(x, y) == tuple(found) == (cell, cell)
+        window = RollingCostmap(settings, origin)
+        window.update(pose, np.full(LIDAR.beams, np.nan), LIDAR, 0.0)
+        assert (window.column, window.row) == (cell - half, cell - half)
+
+
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
+def test_a_pose_has_one_cell_for_all_that_ask(x: float, y: float) -> None:
+    prior = blank(8, 6, 0.05, (-4.0, -3.0))
+    found = tuple(cells_of(prior, np.array([[x, y]]))[0])
+    assert robot_cell(Pose2D(x, y, 0.0), prior) == prior.cell_at(x, y) == found
 
 
 def test_window_of_even_and_odd_size() -> None:
