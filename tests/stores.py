@@ -71,6 +71,7 @@ def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
         "patrol_relaxations": 0,
         "targets": intruders,
         "ghost_targets": 0,
+        "false_target_s": 0.0,
     }
     return TrialResult({"trial": [trial], "intruders": outcomes, "robots": health}, duration_s)
 

@@ -64,6 +64,14 @@ class PursuitSettings(Settings):
         key="pursuit",
         source="ours: the paper converges to intruders without a rule",
     )
+    ignores_allies: bool = option(
+        True,
+        "No pursuit rule is handed a box that overlaps the square of side ally_diameter_m about any guard, "
+        "its finder too, where MIDNet believes that guard to be. Under pursuit: oracle the referee has "
+        "named the intruder already, and no box is left out.",
+        key="pursuit_ignores_allies",
+        source="ours: IV.C.2, what is left 'must be related to the intruders'",
+    )
     timeout_s: float = option(
         3.0,
         "A pursuit is given up this long after the last detection of its target.",

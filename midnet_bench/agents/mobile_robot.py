@@ -20,6 +20,7 @@ class GuardState(NamedTuple):
 
     place: Point  # its estimated pose, map frame, metres
     goal: Point | None
+    is_pursuing: bool = False  # whether the goal is where a target was, and no point of its patrol
 
 
 @dataclass(eq=False)
@@ -103,11 +104,27 @@ class Guard(MobileRobot):
 
     detection_costmaps: Sequence[RollingCostmap] = ()  # map frame; each takes every scan of this robot
     scan: Scan | None = None  # the last one
+    is_pursuing = False
 
     @property
     def state(self) -> GuardState:
         """What patrol and pursuit rules receive of it."""
-        return GuardState((self.pose.x, self.pose.y), self.goal)
+        return GuardState((self.pose.x, self.pose.y), self.goal, self.is_pursuing)
+
+    def pursue(self, place: Point) -> None:
+        """Drive to where a target is, map frame, metres, instead of patrolling."""
+        self.drive_to(place)
+        self.is_pursuing = True
+
+    def drive_to(self, goal: Point) -> None:
+        """Drop the goal at hand for another one, which is no target's place."""
+        super().drive_to(goal)
+        self.is_pursuing = False
+
+    def cancel_goal(self) -> None:
+        """Drop the goal at hand; the next control cycle chooses a patrol point."""
+        super().cancel_goal()
+        self.is_pursuing = False
 
     def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into pose filter, navigator and detection costmaps."""

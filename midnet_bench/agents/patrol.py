@@ -77,13 +77,15 @@ class Patrol:
     relaxations: int = 0  # how often the conditions had to be relaxed
 
     def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
-        """A random point at least z from the guard and from each goal of the others, metres, at any time.
+        """A random point at least z from the guard and from the others' patrol points, metres, at any time.
 
-        Guards without a goal have no part in it (item 60); distances are straight lines (item 61). One robot
+        Guards without a goal have no part in it (item 60), nor have those that pursue: theirs is no patrol
+        point (item 79). Distances are straight lines (item 61). One robot
         at the centre of an arena has no such point at all, so z shrinks by a tenth after every 200 draws that
         fail, for this draw only (item 59).
         """
-        goals = [one.goal for i, one in enumerate(team) if i != guard and one.goal is not None]
+        others = [one for i, one in enumerate(team) if i != guard and not one.is_pursuing]
+        goals = [one.goal for one in others if one.goal is not None]
         keep_away = np.array([team[guard].place, *goals], dtype=np.float64)
         z_m = self.z_m
         while True:

@@ -13,8 +13,9 @@ import numpy as np
 from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
 from midnet_bench.agents.mobile_robot import Guard, GuardState
 from midnet_bench.detectors.tracking import Tracker
-from midnet_bench.geometry import Point
+from midnet_bench.geometry import Box, Point
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.plugins import PluginError
 
 NEAR_M = 0.5
@@ -93,12 +94,20 @@ class Pursuit:
         """The guards that are after a target now."""
         return [self._guards[i] for known in self.targets.values() for i in known.pursuers]
 
-    def see(self, places: Sequence[Point], time_s: float) -> list[int]:
-        """Take the centres of a frame's fused boxes, map frame, metres; for each, its target's number."""
-        targets = self._tracker.update(places, time_s)
-        for target, place in zip(targets, places, strict=True):
-            self.detected(target, place, time_s)
-        return targets
+    def see(self, boxes: Sequence[Box], squares: BoxArray, time_s: float) -> dict[int, Box]:
+        """Take a frame's fused boxes; the targets that were seen come back, each with its box.
+
+        ``squares``: (guards, 4) of ``ally_squares``, the area that each guard is believed to cover. A box
+        that has any area in common with one is no target, nor the latest place of any (item 78), unless
+        ``ignores_allies`` is off. All are in the map frame, metres.
+        """
+        if self._settings.ignores_allies:
+            guards = [Box(*square) for square in squares.tolist()]
+            boxes = [box for box in boxes if not any(box.intersection_area(guard) > 0.0 for guard in guards)]
+        targets = self._tracker.update([box.center for box in boxes], time_s)
+        for target, box in zip(targets, boxes, strict=True):
+            self.detected(target, box.center, time_s)
+        return dict(zip(targets, boxes, strict=True))
 
     def detected(self, target: int, place: Point, time_s: float) -> None:
         """A detection at ``place`` was put down to ``target``."""
@@ -122,14 +131,14 @@ class Pursuit:
         for i, target in _pursuing(self.targets).items():
             guard, place = self._guards[i], self.targets[target].place
             if guard.goal is None or math.dist(guard.goal, place) >= self._settings.retarget_m:
-                guard.drive_to(place)
+                guard.pursue(place)
 
     def _send(self, sent: Mapping[int, int]) -> None:
         """Make the guards' targets those of ``sent``, by their places in the team."""
         before = _pursuing(self.targets)
         for i, guard in enumerate(self._guards):
             if i in sent and sent[i] != before.get(i):
-                guard.drive_to(self.targets[sent[i]].place)
+                guard.pursue(self.targets[sent[i]].place)
             elif i in before and i not in sent:
                 guard.cancel_goal()
         for name, known in self.targets.items():
@@ -185,9 +194,10 @@ class All(Nobody):
     def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
         """All guards, whatever the time is."""
         sent = _pursuing(targets)
-        for guard, (place, _) in enumerate(team):
+        for guard, state in enumerate(team):
             if guard not in sent:
-                sent[guard] = min(targets, key=lambda target: math.dist(place, targets[target].place))
+                gaps_m = {target: math.dist(state.place, known.place) for target, known in targets.items()}
+                sent[guard] = min(gaps_m, key=gaps_m.__getitem__)
         return sent
 
 

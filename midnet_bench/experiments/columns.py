@@ -195,6 +195,9 @@ LABYRINTH: Tables = {
             **PATROL,
             "targets": _event("tracks of boxes that guards could pursue, 0 under `pursuit=oracle`"),
             "ghost_targets": _event("of these, tracks whose first box was on no intruder"),
+            "false_target_s": _seconds(
+                "time that guards pursued those of `ghost_targets`, summed over the guards", drift=ANY_DRIFT
+            ),
         },
         "One row per trial.",
         one_row=True,

@@ -84,7 +84,7 @@ class MIDNetSettings(Settings):
         "IoU with an ally's square from which a box is removed as that ally, t of Algorithm 2.",
         gt=0,
         le=1,
-        source="ours: IV.C.1 gives no number",
+        source="ours: IV.C.1 gives no number; campaigns/ally-threshold.yaml has the rule, by IV.C.2",
     )
     ally_remove: AllyRemove = option(
         "first",
@@ -97,5 +97,5 @@ class MIDNetSettings(Settings):
         "IoU from which boxes of two guards are fused into one detection, t of Algorithms 3 and 4.",
         gt=0,
         le=1,
-        source="ours: IV.C.2 gives no number; t of Algorithm 2",
+        source="ours: IV.C.2 gives no number, and no sentence binds it to t of Algorithm 2",
     )

@@ -78,6 +78,15 @@ def test_conditions_hold_when_they_can_be_met() -> None:
     assert patrol.relaxations == 0
 
 
+def test_a_goal_that_a_mate_pursues_keeps_no_patrol_point_away() -> None:
+    z_m, free = 1.0, np.array([[2.0, 2.0]])
+    for is_pursuing, relaxed in ((True, False), (False, True)):
+        patrol = Patrol(free, z_m, stream(1, "patrol"))
+        mate = GuardState((-2.0, 0.0), (2.0, 1.9), is_pursuing)
+        assert patrol.next_point(0, [GuardState((-2.0, -2.0), None), mate], 1.0) == (2.0, 2.0)
+        assert (patrol.relaxations > 0) == relaxed
+
+
 def test_one_robot_at_the_centre_has_no_goal_until_z_is_relaxed() -> None:
     patrol = Patrol(points(), safe_distance(6 * math.sqrt(2), 1), stream(1, "patrol"))
     goal = drawn(patrol, (0.0, 0.0))

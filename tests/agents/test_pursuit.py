@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
 from midnet_bench.agents.mobile_robot import Guard, GuardState
 from midnet_bench.agents.pursuit import Pursuit, TargetState, TeamPursuit
-from midnet_bench.geometry import Point, Pose2D
+from midnet_bench.geometry import Box, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.fusion import ally_squares
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.plugins import PluginError
 
@@ -212,20 +213,84 @@ def test_a_target_that_is_dropped_frees_its_pursuer_alone() -> None:
     assert [guard.goal for guard in team] == [None, (3.0, 0.0)]
 
 
+SIDE_M = 0.225
+"""of the square that a guard is taken to cover"""
+
+
+def seen(pursuit: Pursuit, team: list[Guard], places: Iterable[Point], time_s: float) -> list[int]:
+    """The targets of boxes 0.2 m wide at these places, with guards where they believe to be."""
+    squares = ally_squares([guard.pose for guard in team], SIDE_M)
+    return [*pursuit.see([Box.square(x, y, 0.2) for x, y in places], squares, time_s)]
+
+
 def test_a_box_here_and_there_is_one_target_and_one_far_off_another() -> None:
-    pursuit, _ = pursuing("nearest", (0.0, 0.0))
-    assert pursuit.see([(1.0, 0.0)], 0.2) == [0]
-    assert pursuit.see([(4.0, 0.0), (1.05, 0.0)], 0.4) == [1, 0]
+    pursuit, team = pursuing("nearest", (0.0, 0.0))
+    assert seen(pursuit, team, [(1.0, 0.0)], 0.2) == [0]
+    assert seen(pursuit, team, [(4.0, 0.0), (1.05, 0.0)], 0.4) == [1, 0]
     assert sorted(pursuit.targets) == [0, 1]
+
+
+TOUCH_M = (SIDE_M + 0.2) / 2.0
+"""from a guard to the centre of a box, along an axis, if both share an edge"""
+
+
+@pytest.mark.parametrize("name", [*RULES, "mine.py:Mine"])
+@pytest.mark.parametrize("at", [0, 1])
+def test_no_rule_gets_a_box_on_a_guard_whichever_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, at: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        HEAD + "    def pursue(self, team, targets, time_s): return {0: max(targets)}\n"
+    )
+    rule_name = PURSUITS.pinned(name) if name not in RULES else name
+    on, beside = ((3.0 * at + TOUCH_M + gap_m, 0.0) for gap_m in (-0.01, 0.01))
+    pursuit, team = pursuing(rule_name, (0.0, 0.0), (3.0, 0.0))
+    assert seen(pursuit, team, [on], 0.2) == []
+    pursuit.update(0.2)
+    assert not pursuit.targets
+    assert [guard.goal for guard in team] == [None, None]
+    assert seen(pursuit, team, [on, beside], 0.4) == [0]
+    assert pursuit.targets[0].place == pytest.approx(beside)
+    pursuit.update(0.4)
+    assert any(guard.is_pursuing for guard in team) == (name != "none")
+
+
+def test_a_pursuer_in_contact_drives_on_to_the_last_place_that_was_free() -> None:
+    pursuit, (guard,) = pursuing("nearest", (0.0, 0.0))
+    for place, time_s in (((0.4, 0.0), 0.2), ((0.1, 0.0), 0.4)):
+        seen(pursuit, [guard], [place], time_s)
+        pursuit.update(time_s)
+    assert (guard.goal, guard.is_pursuing) == (pytest.approx((0.4, 0.0)), True)
+    pursuit.update(1.4)  # more than a second without a box beside it
+    assert (guard.goal, guard.is_pursuing) == (None, False)
+
+
+def test_boxes_on_guards_are_targets_if_that_is_asked_for() -> None:
+    team = pursuing("nearest", (0.0, 0.0))[1]
+    settings = PursuitSettings(rule="nearest", ignores_allies=False)
+    pursuit = Pursuit(team, settings, rule("nearest"))
+    assert seen(pursuit, team, [(0.0, 0.0)], 0.2) == [0]
+
+
+def test_a_guard_pursues_until_it_gets_a_patrol_point_or_none() -> None:
+    _, (guard,) = pursuing("nearest", (0.0, 0.0))
+    guard.pursue((1.0, 0.0))
+    assert guard.state == GuardState((0.0, 0.0), (1.0, 0.0), is_pursuing=True)
+    guard.drive_to((2.0, 0.0))
+    assert guard.state == GuardState((0.0, 0.0), (2.0, 0.0))
+    guard.pursue((1.0, 0.0))
+    guard.cancel_goal()
+    assert guard.state == GuardState((0.0, 0.0), None)
 
 
 def test_a_pursuer_that_finds_the_place_empty_gives_it_up_and_one_on_its_way_does_not() -> None:
     for place, has_target in (((0.4, 0.0), False), ((3.0, 0.0), True)):
         pursuit, (guard,) = pursuing("nearest", (0.0, 0.0))
-        pursuit.see([place], 0.2)
+        seen(pursuit, [guard], [place], 0.2)
         pursuit.update(0.2)
         pursuit.update(1.0)
         assert pursuit.targets
         pursuit.update(1.4)
         assert bool(pursuit.targets) == has_target
-        assert guard.goal == (place if has_target else None)
+        assert guard.goal == (pytest.approx(place) if has_target else None)

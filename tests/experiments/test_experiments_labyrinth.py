@@ -139,7 +139,21 @@ def test_an_oracle_names_the_intruder_and_calls_guards_off_at_once() -> None:
         run_to_its_end(trial)
         assert trial.outcomes[intruder].result == "caught"
         assert not trial.pursuit.targets
-        assert (trial.targets, trial.ghosts) == (0, 0)
+        assert (trial.targets, trial.false_targets, trial.false_pursuits) == (0, set(), 0)
+
+
+def test_the_time_spent_on_false_targets_is_that_of_the_guards_that_pursue_them() -> None:
+    with LabyrinthTrial(corridor(time_limit_s=4.0, escape_distance_m=5.0), 1) as trial:
+        trial.pursuit.detected(99, (0.0, 2.0), 0.0)  # a target that only the guards believe in
+        trial.pursuit.update(0.0)
+        trial.false_targets.add(99)
+        guard_frames, frames = 0, trial.frames()
+        while True:
+            guard_frames += len(trial.pursuit.targets[99].pursuers) if 99 in trial.pursuit.targets else 0
+            if next(frames, None) is None:
+                break
+        assert guard_frames > 5
+        assert trial.false_pursuits == guard_frames
 
 
 def test_guards_are_not_told_who_was_caught() -> None:

@@ -166,7 +166,11 @@ def cells_table(variants: Variants) -> Table:
 
     def rows_of(one: Variant) -> Iterator[TableRow]:
         for intruders, robots, cell in one.cells():
-            ghosts = cell.assign(ghost_percents=100.0 * cell["ghost_targets"])
+            false = cell.assign(
+                target_percents=100.0 * cell["ghost_targets"],
+                time_percents=100.0 * cell["false_target_s"],
+                guard_s=robots * cell["duration_s"],
+            )
             yield {
                 "intruders": intruders,
                 "robots": robots,
@@ -176,12 +180,14 @@ def cells_table(variants: Variants) -> Table:
                 "time_to_detect_s": pooled_time(cell, "detection_times"),
                 "time_to_capture_s": pooled_time(cell, "capture_times"),
                 "duration_s": mean(cell["simulated_s"].tolist(), within=NOT_NEGATIVE),
-                "ghost_targets": pooled(ghosts, "ghost_percents", "targets", (0.0, 100.0)),
+                "ghost_targets": pooled(false, "target_percents", "targets", (0.0, 100.0)),
+                "false_target_time": pooled(false, "time_percents", "guard_s", (0.0, 100.0)),
             }
 
     title = f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)"
-    digits = dict.fromkeys(("success_rate", "detected_not_caught", "duration_s", "ghost_targets"), 1)
-    beside = ("ghost_targets", "detected_not_caught", "time_to_detect_s")
+    percents = ("success_rate", "detected_not_caught", "ghost_targets", "false_target_time")
+    digits = dict.fromkeys((*percents, "duration_s"), 1)
+    beside = ("false_target_time", "ghost_targets", "detected_not_caught", "time_to_detect_s")
     return Table("success_rate_cells", title, _rows(variants, rows_of), digits, beside=beside)
 
 

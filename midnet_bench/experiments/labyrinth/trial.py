@@ -17,6 +17,7 @@ from midnet_bench.experiments.guarded.record import CAPTURES
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, Point, Pose2D, lengths
+from midnet_bench.midnet.fusion import ally_squares
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject, truths_in_range
@@ -75,8 +76,9 @@ class LabyrinthTrial(GuardedArena):
         self.recorder = (
             Recorder(self, parameters) if parameters.record or parameters.metrics != NO_METRICS else None
         )
-        self.targets, self.ghosts = 0, 0
-        """targets of the pursuit so far, and those of them whose first box was on no intruder"""
+        self.targets = 0  # of the pursuit so far
+        self.false_targets: set[int] = set()  # those of them whose first box was on no intruder
+        self.false_pursuits = 0  # guards that pursued one of these, summed over the frames
         self.outcomes: dict[int, Outcome] = {}
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
@@ -113,13 +115,17 @@ class LabyrinthTrial(GuardedArena):
     def _placed(self, mobile_intruders: int | None) -> Layout:
         return layout_of(self._test, self.seed)
 
-    def _update(self, midnet: Frame) -> None:
+    def _update(self, midnet: ObservedFrame) -> None:
         """Update the outcomes of this instant, and the goals of guards and of fleeing intruders.
 
         Outcomes go by the truth. Pursuit gets the boxes alone, but under ``oracle``.
         """
         now_s = self.fleet.time_s
         if not self._is_oracle:
+            targets = self.pursuit.targets
+            self.false_pursuits += sum(
+                len(targets[name].pursuers) for name in self.false_targets & set(targets)
+            )
             self._see(midnet, now_s)
         for robot in self.present:
             outcome = self.outcomes[robot.index]
@@ -152,16 +158,20 @@ class LabyrinthTrial(GuardedArena):
         if self._is_oracle and outcome.result != "at large":
             self.pursuit.drop(robot.index)
 
-    def _see(self, midnet: Frame, now_s: float) -> None:
-        """Hand the boxes to the pursuit, and note for the record which new targets are ghosts."""
-        seen = self.pursuit.see([box.center for box in midnet.detections], now_s)
-        new = [box for target, box in zip(seen, midnet.detections, strict=True) if target >= self.targets]
+    def _see(self, midnet: ObservedFrame, now_s: float) -> None:
+        """Hand the boxes to the pursuit, and note for the record which new targets are no intruders."""
+        poses = [observation.pose for observation in midnet.observations]
+        squares = ally_squares(poses, self._test.midnet.ally_diameter_m)
+        seen = self.pursuit.see(midnet.detections, squares, now_s)
+        new = {target: box for target, box in seen.items() if target >= self.targets}
         if new:
             self.targets += len(new)
             outlines = [self.lidars.outline(robot.index) for robot in self.present]
-            self.ghosts += sum(
-                not any(box.intersection_area(outline) > 0.0 for outline in outlines) for box in new
-            )
+            self.false_targets |= {
+                target
+                for target, box in new.items()
+                if not any(box.intersection_area(outline) > 0.0 for outline in outlines)
+            }
 
     def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[tuple[Box, Guard]]:
         """The detections that cover some of an intruder (item 53), each with its guard."""
@@ -253,7 +263,8 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "ended": "time limit" if trial.present or parameters.ends == "time_limit" else "nobody left",
             "patrol_relaxations": trial.patrol.relaxations,
             "targets": trial.targets,
-            "ghost_targets": trial.ghosts,
+            "ghost_targets": len(trial.false_targets),
+            "false_target_s": trial.false_pursuits / FRAME_HZ,
         }
         tables = {
             "trial": [row],
