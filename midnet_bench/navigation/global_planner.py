@@ -34,8 +34,9 @@ _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
 _REPLAN_PERIOD_S = 1.0  # Least time between two potentials.
 _GREATEST_AGE_S = 2.0
-"""A potential older than this is made anew once an obstacle has gone, wherever that was: a shorter way may have
-opened. move_base makes one at planner_frequency, 5 Hz, whether anything changed or not; ours is an economy."""
+"""A potential older than this is made anew once an obstacle has gone, wherever that was: a shorter way may
+have opened. move_base makes one at planner_frequency, 5 Hz, whether anything changed or not; ours is an
+economy."""
 _CHANGE_RADIUS_M = 0.3  # An obstacle so near to the plan that comes or goes calls for another potential.
 _MARGIN_M = 2.0  # A robot may go so much farther from its goal before the potential has to be made anew.
 _POCKET_M2 = 1.0  # A goal from which the potential reaches less floor than this is closed in.

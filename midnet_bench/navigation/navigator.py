@@ -22,9 +22,10 @@ CLEARED_OUTSIDE_M = (0.1, None, 1.84, None)
 """Of the recoveries in turn: outside of what square the costmaps are cleared; None: a turn on the spot.
 turtlebot3, move_base_params.yaml, conservative_reset_dist; move_base, 4 x circumscribed_radius."""
 _NEAR_S = 10.0
-"""For so much longer than the straight way takes may a robot be near its goal and not reach it. Without such
-a limit robots were near 478 goals that they reached, 7 of them for longer than 15 s in all, and near 16 that
-they gave up in the end, for 40 s in the mean (three detection trials of 300 s, seeds 2001 to 2003)."""
+"""For so much longer than the straight way takes may a robot be near its goal, in all, and come no nearer
+than it was before; move_base has no such clock. Without a limit robots were near 478 goals that they reached,
+7 of them for longer than 15 s in all, and near 16 that they gave up in the end, for 40 s in the mean (three
+detection trials of 300 s, seeds 2001 to 2003)."""
 _WAYS, _SPARE_M = 2.0, 5.0
 """A robot may drive so many times the first plan's length, and so many metres more, for one goal."""
 _STOPPED_MPS, _STOPPED_RADPS = 0.1, 0.1
@@ -67,7 +68,8 @@ class _Drive:
     valid_command_at_s: float = 0.0
     moved_at_s: float = 0.0
     moved_from: Pose2D | None = None  # None before the first control cycle, with which the clocks start
-    near_s: float = 0.0  # how long the robot has been near the goal
+    least_m: float = math.inf  # the least straight distance to the goal, while near it
+    no_progress_s: float = 0.0  # how long the robot has been near the goal and come no nearer than that
     driven_m: float = 0.0
     first_plan_m: float = math.inf
 
@@ -80,8 +82,8 @@ class Navigator:
     move_base's. Departures: planning runs inside ``control``, and traces the plan anew after each scan; a
     goal that the map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once;
     one that a scanned obstacle covers is approached as near as can be; one that the robot has been near for
-    too long (``_NEAR_S``) is aborted, as something that the map does not know keeps it off, and so is one for
-    which it has driven twice the way and 5 m.
+    too long without coming nearer (``_NEAR_S``) is aborted, as something that the map does not know keeps it
+    off, and so is one for which it has driven twice the way and 5 m.
     """
 
     def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
@@ -231,7 +233,7 @@ class Navigator:
         return time_s - drive.moved_at_s > OSCILLATION_TIMEOUT_S
 
     def _is_kept_off(self, drive: _Drive, pose: Pose2D) -> bool:
-        """Whether the robot has been near the goal for too long, or has driven too far for it.
+        """Whether the robot has come no nearer to a near goal for too long, or has driven too far for it.
 
         Near is within the reach of the local window and without a wall of the map between: farther off, and
         behind a wall, the way may lead away from the goal at first. A LiDAR sees an obstacle's skin only, so
@@ -245,8 +247,11 @@ class Navigator:
         costmap = self.global_costmap
         ends = (*costmap.to_cells(pose.x, pose.y), *costmap.to_cells(*drive.goal))
         if to_goal_m < self._window_m and is_open_line(costmap.static, *ends):
-            drive.near_s += PERIOD_S
-        return drive.near_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
+            if to_goal_m < drive.least_m:
+                drive.least_m = to_goal_m
+            else:
+                drive.no_progress_s += PERIOD_S
+        return drive.no_progress_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
 
     def _recover(self, drive: _Drive, pose: Pose2D, time_s: float) -> Command:
         """Run the recovery that is due; then plan again."""

@@ -9,11 +9,12 @@ import pytest
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import STOP, Box, Command, Pose2D
+from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation import global_planner
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator, RotateRecovery, Status
 from midnet_bench.robots.turtlebot3 import LDS_01
-from tests.navigation.planar_world import Robot, World, drive
+from tests.navigation.planar_world import Robot, World, drive, moved
 
 
 def enclosure(size_m: float, *inside: Box) -> World:
@@ -143,9 +144,7 @@ SHUT = enclosure(12.0, Box(3.0, 0.0, 3.1, 9.0), Box(3.0, 10.0, 3.1, 12.0))
     ("prior", "then", "gone_s", "least_m", "most_m"),
     [
         pytest.param(DOORS, SHUT, 2.0, 14.0, 3.3, id="a door"),
-        pytest.param(
-            enclosure(12.0), enclosure(12.0, Box(2.5, 0.4, 2.6, 3.6)), 1.0, 4.0, 3.1, id="a screen"
-        ),
+        pytest.param(enclosure(12.0), enclosure(12.0, Box(2.5, 0.4, 2.6, 3.6)), 1.0, 4.0, 3.1, id="a screen"),
     ],
 )
 def test_the_short_way_is_taken_again_within_two_seconds_after_what_closed_it_has_gone(
@@ -162,6 +161,29 @@ def test_a_plan_is_kept_for_as_long_as_no_way_opens(potentials: list[object]) ->
     prior = enclosure(12.0)
     held(prior, enclosure(12.0, Box(2.5, 1.0, 2.6, 3.0)), 20.0, 20.0, (4.5, 2.0))
     assert len(potentials) <= 3
+
+
+@pytest.mark.parametrize(
+    ("goal_x", "held_s", "leg"),
+    [(4.6, 12.0, False), (4.6, 12.5, True), (4.6, 19.0, False), (5.5, 12.0, False)],
+)
+def test_a_goal_is_not_given_up_on_the_way_to_it(goal_x: float, held_s: float, leg: bool) -> None:
+    """The robot is held, before a leg or on an open floor, and is then free."""
+    navigator = Navigator(OccupancyGrid(np.zeros((160, 160), np.int8), 0.05, (0.0, 0.0)))
+    pose, velocity = Pose2D(3.0, 4.0, 0.0), STOP
+    navigator.set_goal(goal_x, 4.0)
+    for k in range(700):
+        if k % 2 == 0:
+            ranges = np.full(360, np.inf)
+            if leg and 0.1 * k < held_s:
+                ranges[:20] = ranges[-20:] = 0.45
+            navigator.observe(pose, ranges, LDS_01, 0.1 * k)
+        command = navigator.control(pose, velocity, 0.1 * k)
+        if navigator.status is not Status.ACTIVE:
+            break
+        velocity = command if 0.1 * k >= held_s else STOP
+        pose = moved(pose, velocity, 0.1)
+    assert navigator.status is Status.SUCCEEDED
 
 
 def test_robots_that_meet_head_on_pass_each_other() -> None:
@@ -312,6 +334,6 @@ for module in pkgutil.iter_modules(room.__path__):
     signatures = dict(line.split() for line in run.stdout.splitlines())
     # Those that others call have none of their own when they come from the cache.
     assert set(signatures.values()) <= {"0", "1"}
-    called = "best_velocity changed_near clear_footprint distance_grids have_gone inflate integrate_scan"
-    called += " path_down propagate roll_out search_rollouts turn_is_free"
+    called = "best_velocity changed_near clear_footprint distance_grids have_gone inflate"
+    called += " integrate_scan path_down propagate roll_out search_rollouts turn_is_free"
     assert [name for name in called.split() if signatures[name] != "1"] == []
