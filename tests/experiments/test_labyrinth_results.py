@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.analysis.frames import Results, load_results, records
+from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.drawing.charts import DODGE
 from midnet_bench.experiments.figures import details_figure, labyrinth_figures, success_figure
@@ -145,6 +146,29 @@ def test_every_cell_has_a_row_of_plain_numbers(results: Results) -> None:
         (k, q, 8, 10.0, missed) for k in (1, 2) for q, missed in ((1, 50.0), (3, 25.0))
     ]
     assert all(row["success_rate_low"] < row["success_rate"] < row["success_rate_high"] for row in rows)
+
+
+def test_time_spent_on_false_targets_is_a_share_of_all_guards_time(results: Results) -> None:
+    one = only(results)
+    false = one.trials.assign(targets=4, ghost_targets=3, false_target_s=6.0)
+    row = next(
+        row
+        for row in cells_table({"": replace(one, trials=false)}).rows
+        if (row["intruders"], row["robots"]) == (1, 3)
+    )
+    targets, time = row["ghost_targets"], row["false_target_time"]
+    assert isinstance(targets, Estimate)
+    assert isinstance(time, Estimate)
+    # three guards, for 20 s in six trials and for 60 s in two; 6 s in each
+    assert (targets.value, time.value) == pytest.approx((75.0, 100 * 8 * 6 / (3 * (6 * 20 + 2 * 60))))
+    assert time.n == 8
+
+
+def test_campaigns_of_before_have_no_time_spent_on_false_targets(results: Results) -> None:
+    one = only(results)
+    before = cells_table({"": replace(one, trials=one.trials.drop(columns="false_target_s"))})
+    assert "ghost_targets" in before.columns
+    assert "false_target_time" not in before.columns
 
 
 def test_health_is_per_robot_and_tells_the_worst(results: Results) -> None:

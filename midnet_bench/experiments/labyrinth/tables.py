@@ -166,11 +166,12 @@ def cells_table(variants: Variants) -> Table:
 
     def rows_of(one: Variant) -> Iterator[TableRow]:
         for intruders, robots, cell in one.cells():
-            false = cell.assign(
-                target_percents=100.0 * cell["ghost_targets"],
-                time_percents=100.0 * cell["false_target_s"],
-                guard_s=robots * cell["duration_s"],
-            )
+            false = cell.assign(target_percents=100.0 * cell["ghost_targets"])
+            time: TableRow = {}
+            if "false_target_s" in cell:  # campaigns of before have no such column
+                percents, guard_s = 100.0 * cell["false_target_s"], robots * cell["duration_s"]
+                false = false.assign(time_percents=percents, guard_s=guard_s)
+                time = {"false_target_time": pooled(false, "time_percents", "guard_s", (0.0, 100.0))}
             yield {
                 "intruders": intruders,
                 "robots": robots,
@@ -181,7 +182,7 @@ def cells_table(variants: Variants) -> Table:
                 "time_to_capture_s": pooled_time(cell, "capture_times"),
                 "duration_s": mean(cell["simulated_s"].tolist(), within=NOT_NEGATIVE),
                 "ghost_targets": pooled(false, "target_percents", "targets", (0.0, 100.0)),
-                "false_target_time": pooled(false, "time_percents", "guard_s", (0.0, 100.0)),
+                **time,
             }
 
     title = f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)"
