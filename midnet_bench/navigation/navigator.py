@@ -370,7 +370,7 @@ def compile_kernels() -> None:
     for settings in (NavigatorSettings(), NavigatorSettings(controller="trajectory_rollout")):
         navigator = Navigator(prior, settings)
         navigator.set_goal(2.5, 1.5)
-        for tick in range(8):
+        for tick in range(12):  # beyond the age from which a plan looks at what has gone
             navigator.observe(pose, np.full(LDS_01.beams, 2.5), LDS_01, 0.2 * tick)
             navigator.control(pose, STOP, 0.2 * tick)
         RotateRecovery(navigator.local_planner, pose.yaw).command(navigator.local_costmap, pose)
@@ -378,5 +378,5 @@ def compile_kernels() -> None:
         # Shut in on all sides, DWA looks for a way off after two seconds.
         navigator.local_costmap.marks.fill(LETHAL)
         navigator.local_costmap.clear_outside(pose.x, pose.y, 2.0 * settings.local_costmap.size_m)
-        for tick in range(16, 46):
+        for tick in range(24, 54):
             navigator.control(pose, STOP, 0.1 * tick)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import label
 
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.global_planner import potential_to, traversal_costs
+from midnet_bench.navigation.costmap import LETHAL
+from midnet_bench.navigation.global_planner import have_gone, potential_to, traversal_costs
 
 Floor = npt.NDArray[np.uint8]
 
@@ -212,3 +213,26 @@ def test_a_wave_that_ends_near_the_robot_gives_the_same_way() -> None:
         there, here = whole.path_from(*start), near.path_from(*start)
         assert np.array_equal(there, here)
     assert near.path_from(145.0, 145.0) is None
+
+
+@pytest.mark.parametrize(
+    ("then", "now", "wall", "has_gone"),
+    [
+        pytest.param([(5, 5)], [], False, True, id="gone"),
+        pytest.param([(0, 9)], [], False, True, id="gone in a corner"),
+        pytest.param([(5, 5)], [(5, 5)], False, False, id="there still"),
+        pytest.param([], [(5, 5)], False, False, id="come"),
+        pytest.param([(5, 5)], [(6, 6)], False, False, id="a surface that noise moves"),
+        pytest.param([(5, 5)], [(7, 5)], False, True, id="moved by two cells"),
+        pytest.param([(5, 5)], [], True, False, id="a wall of the map"),
+        pytest.param([(5, 5), (5, 6), (5, 7)], [(5, 5)], False, True, id="all but an end"),
+    ],
+)
+def test_whether_an_obstacle_has_gone(
+    then: list[tuple[int, int]], now: list[tuple[int, int]], wall: bool, has_gone: bool
+) -> None:
+    grids = [np.zeros((10, 10), np.uint8) for _ in range(3)]
+    for grid, cells in zip(grids, (now, then, then if wall else []), strict=True):
+        for cell in cells:
+            grid[cell] = LETHAL
+    assert have_gone(*grids) is has_gone
