@@ -13,7 +13,7 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, same_resolution
 from midnet_bench.io.map_server import load_map
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog
 from midnet_bench.plugins import DETECTORS, FUSIONS
@@ -55,7 +55,7 @@ class ReplayInputs:
         """
         values, cell_m = dict(self.setup.settings), self.prior_map.resolution
         given_m = values.pop("resolution_m", cell_m)
-        if not isinstance(given_m, float | int) or abs(given_m - cell_m) > 1e-5:
+        if not isinstance(given_m, float | int) or not same_resolution(given_m, cell_m):
             raise InputError(
                 f"settings: resolution_m: {given_m}: cells are as large as the map's, {cell_m:g} m; "
                 "'midnet-bench map --from-map' makes a map of others"

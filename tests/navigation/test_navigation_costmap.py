@@ -414,3 +414,15 @@ def test_a_line_is_open_where_no_cell_that_a_beam_clears_is_lethal(seed: int) ->
     is_open = (cleared == cells).all()
     assert is_open_line(cells, x0 + 0.3, y0 + 0.9, x1 + 0.5, y1 + 0.1) == is_open
     assert not is_open_line(cells, x0 + 0.3, -0.1, x1 + 0.5, y1 + 0.1)
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.05000000074505806, 0.0499999])
+def test_a_static_map_may_have_a_rounded_resolution(resolution: float) -> None:
+    cells = np.zeros((40, 60), np.int8)
+    cells[10, 20] = 100
+    costmap = GlobalCostmap(BURGER_COSTMAP, OccupancyGrid(cells, resolution, (-1.0, 2.0)))
+    known = GlobalCostmap(BURGER_COSTMAP, OccupancyGrid(cells, 0.05, (-1.0, 2.0)))
+    assert (costmap.costs == known.costs).all()
+    assert costmap.published().extent == known.published().extent
+    with pytest.raises(InputError, match=r"resolution 0\.051 differs"):
+        costmap.set_static(OccupancyGrid(cells, 0.051, (-1.0, 2.0)))
