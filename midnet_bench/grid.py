@@ -17,6 +17,10 @@ RESOLUTION_TOLERANCE = 1e-4
 then a tenth of a cell longer than they say, and no sizes of cells in use lie so near to each other."""
 _BITS_32 = 2.0**-24  # share by which 32 bits round
 
+FAR_CELLS = 2000
+"""From the map frame's origin, along x or y: a map that grows begins there, or at its first scan if that is
+further off, as in a log in UTM. All between would take gigabytes; nearer, it does not weigh."""
+
 _SLACK = 1e-6  # Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell.
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
