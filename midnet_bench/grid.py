@@ -1,7 +1,7 @@
 """Grids of square cells over the plane, and the way from cells to metres and back."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import cv2
@@ -10,6 +10,16 @@ import numpy.typing as npt
 
 FREE, UNKNOWN, OCCUPIED = 0, -1, 100  # Values of an int8 occupancy grid (nav_msgs/OccupancyGrid).
 OCCUPIED_FROM = 65  # Values of a map from here on are obstacles (map_server's occupied_thresh).
+
+RESOLUTION_TOLERANCE = 1e-4
+"""Share by which two resolutions may differ and be the same: 32 bits, as messages have them, round 0.05 by
+2e-8 of it; the six decimals of a saved map round 1/30 by 1e-5, and 1 cm or more by 5e-5. A thousand cells are
+then a tenth of a cell longer than they say, and no sizes of cells in use lie so near to each other."""
+_BITS_32 = 2.0**-24  # share by which 32 bits round
+
+FAR_CELLS = 2000
+"""From the map frame's origin, along x or y: a map that grows begins there, or at its first scan if that is
+further off, as in a log in UTM. All between would take gigabytes; nearer, it does not weigh."""
 
 _SLACK = 1e-6  # Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell.
 
@@ -78,11 +88,31 @@ class OccupancyGrid:
         """Whether (column, row) lies on the grid."""
         return 0 <= column < self.width and 0 <= row < self.height
 
+    def at_resolution(self, resolution: float) -> "OccupancyGrid":
+        """The same cells with exactly this resolution. Raises ValueError if it is another one than theirs."""
+        if not same_resolution(self.resolution, resolution):
+            raise ValueError(f"cells of {self.resolution:g} m are not of {resolution:g} m")
+        return self if resolution == self.resolution else replace(self, resolution=resolution)
+
     def with_data(self, data: npt.NDArray[Any]) -> "OccupancyGrid":
         """Other values of the same shape in the same place."""
         if data.shape != self.data.shape:
             raise ValueError(f"data of shape {data.shape} on a grid of shape {self.data.shape}")
         return OccupancyGrid(data, self.resolution, self.origin)
+
+
+def same_resolution(one: float, other: float) -> bool:
+    """Whether two resolutions are one and the same but for what files and messages round."""
+    return math.isclose(one, other, rel_tol=RESOLUTION_TOLERANCE)
+
+
+def as_written(resolution: float) -> float:
+    """The resolution of at most six decimals that 32 bits have made this one, or this one if it is none such.
+
+    0.05000000074505806, of a nav_msgs/MapMetaData, is 0.05.
+    """
+    decimal = round(resolution, 6)
+    return decimal if math.isclose(decimal, resolution, rel_tol=_BITS_32) else resolution
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from midnet_bench.grid import MapWindow, OccupancyGrid, cell_centers, cells_to_unset, connected_to
+from midnet_bench.grid import (
+    MapWindow,
+    OccupancyGrid,
+    as_written,
+    cell_centers,
+    cells_to_unset,
+    connected_to,
+    same_resolution,
+)
 
 WALLED = np.array(
     [[character == "." for character in line] for line in ("..#.", "..#.", "##..", "...#")], dtype=np.bool_
@@ -51,6 +59,27 @@ def test_a_window_cuts_what_reaches_beyond_it_and_pads_what_does_not_fill_it() -
     assert cut.data.tolist() == [[-1, -1, -1, 100], [-1, -1, 100, 100]]
     far = OccupancyGrid(np.array([[100]], dtype=np.int8), 0.5, (9.0, 9.0))
     assert (window.cut(far).data == -1).all()
+
+
+@pytest.mark.parametrize("cell_m", [0.01, 0.02, 0.025, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 0.033333, 0.0125])
+def test_a_resolution_that_went_through_32_bits_is_the_one_that_was_written(cell_m: float) -> None:
+    message = float(np.float32(cell_m))
+    assert as_written(message) == as_written(float(f"{message:.9g}")) == as_written(cell_m) == cell_m
+    assert as_written(0.0333334567) == 0.0333334567
+    assert as_written(1.0 / 30.0) == 1.0 / 30.0
+
+
+@pytest.mark.parametrize("cell_m", [0.01, 0.02, 0.025, 1.0 / 30.0, 0.05, 1.0 / 15.0, 0.1, 0.2, 0.5])
+def test_resolutions_are_the_same_whatever_files_and_messages_round(cell_m: float) -> None:
+    for other in (float(np.float32(cell_m)), round(cell_m, 6), float(np.float32(round(cell_m, 6)))):
+        assert same_resolution(cell_m, other)
+        assert same_resolution(other, cell_m)
+        grid = OccupancyGrid(np.zeros((2, 3), dtype=np.int8), other, (-1.0, 4.0)).at_resolution(cell_m)
+        assert (grid.resolution, grid.data.shape, grid.origin) == (cell_m, (2, 3), (-1.0, 4.0))
+    for other in (cell_m * 1.001, cell_m / 1.001, cell_m + 0.001):
+        assert not same_resolution(cell_m, other)
+        with pytest.raises(ValueError, match="are not of"):
+            OccupancyGrid(np.zeros((2, 3), dtype=np.int8), other, (-1.0, 4.0)).at_resolution(cell_m)
 
 
 def test_distances_are_the_exact_ones_however_many_threads_opencv_has():

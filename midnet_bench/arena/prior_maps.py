@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
-from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
+from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid, same_resolution
 from midnet_bench.io.map_server import MOST_PIXELS
 
 _HAIR = 1e-6  # of a cell: less is no area
@@ -51,8 +51,8 @@ def resampled(grid: OccupancyGrid, resolution_m: float) -> OccupancyGrid:
         InputError: it would have more cells than a map may.
     """
     ratio = resolution_m / grid.resolution
-    if abs(ratio - 1.0) < _HAIR:
-        return grid
+    if same_resolution(resolution_m, grid.resolution):
+        return grid.at_resolution(resolution_m)
     sizes = [math.ceil(cells / ratio - _HAIR) for cells in grid.data.shape]
     if sizes[0] * sizes[1] > MOST_PIXELS:
         raise InputError(

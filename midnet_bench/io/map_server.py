@@ -21,7 +21,7 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import UNKNOWN, OccupancyGrid
+from midnet_bench.grid import UNKNOWN, OccupancyGrid, as_written
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.io.files import read_bounded, write_atomically
 
@@ -160,7 +160,7 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
         values = {key: value for key, value in values.items() if isinstance(key, str) and value is not None}
     file = parse(MapFile, values, str(path))
     cells = occupancy(read_image(path.parent / file.image, f"{path}: image"), file)
-    grid = OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin[:2])
+    grid = OccupancyGrid(np.ascontiguousarray(cells[::-1]), as_written(file.resolution), file.origin[:2])
     return grid if file.origin[2] == 0.0 else turned(grid, file.origin[2], str(path))
 
 

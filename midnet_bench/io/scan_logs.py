@@ -2,8 +2,9 @@
 
 import math
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,9 +18,14 @@ from midnet_bench.io.files import read_bounded, write_atomically
 
 SICK_RANGE_MAX_M = 81.8  # a SICK LMS reports 81.83 m or a little more where nothing comes back
 LARGEST_MAP_M = 1000.0
-"""How far a log's odometry may come from its origin, along x and y, and how far a reading may reach. A map of
-a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
-kilometre, and one in millimetres comes there in no time."""
+"""How far a log's odometry may come from its first pose, along x and y, and how far a reading may reach.
+
+A map of a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span
+half a kilometre, and one in millimetres comes there in no time.
+"""
+FARTHEST_M = 1e8
+"""How far from its frame's origin a log may lie, along x and y: all of UTM's frames and those of web maps end
+before, and a double still tells less than a micrometre there."""
 
 LARGEST_HEADING_RAD = 1e5
 """Odometry need not wrap its heading, but a robot that turns by 1 rad/s takes a day to come here."""
@@ -100,6 +106,8 @@ class ScanLog:
     path: Path
     geometry: LidarGeometry
     scans: list[LoggedScan]
+    left_out: Mapping[int, int] = field(default_factory=dict)
+    """how many scans were left out by their number of beams, which is not that of the others"""
     laser_off_m: float | None = None
     """how far the laser's poses lie from the robot's, if that is too far for a mount"""
 
@@ -132,6 +140,13 @@ class ScanLog:
             for kind, count in (("NaN or infinite", self.invalid_ranges), ("negative", negative))
             if count
         ]
+        if self.left_out:
+            scans, total = sum(self.left_out.values()), len(self) + sum(self.left_out.values())
+            beams = " or ".join(map(str, sorted(self.left_out)))
+            lines.append(
+                f"{self.path}: {scans} of {total} scans have {beams} ranges, not {self.geometry.beams} as "
+                "the others, and were left out"
+            )
         if self.laser_off_m is not None:
             lines.append(
                 f"{self.path}: the laser's poses lie {self.laser_off_m:g} m from the robot's, which is no "
@@ -213,12 +228,13 @@ def parse_log(path: Path, lines: list[str]) -> ScanLog:
 
     Where a laser's pose lies at one and the same place on the robot in the whole log, that is the sensor's
     mount. In a log of several kinds, the kind that comes first counts. Comments and all other messages are
-    passed over. Single NaN or negative ranges are beams that say nothing.
+    passed over. Single NaN or negative ranges are beams that say nothing. Scans of another number of beams
+    than most have are left out and counted, as slam_gmapping and slam_toolbox do.
 
     Raises:
         InputError: one line with the file and, where there is one, the line: no scan, no odometry, odometry
-            too far off or turned too far for a map, a number that is none or that no scanner has, or a scan
-            unlike the first one of the log.
+            too far off or turned too far for a map, a number that is none or that no scanner has, or no
+            number of beams that more than half of the scans have.
     """
     said = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "-").split()
     if is_number(said[0]):
@@ -231,26 +247,38 @@ def parse_log(path: Path, lines: list[str]) -> ScanLog:
 
 def _log(path: Path, said: Iterator[_Line]) -> ScanLog:
     """The log of its lines, with its laser's mount if the laser has one place on the robot in all of it."""
-    scans: list[LoggedScan] = []
-    lasers: list[Pose2D] = []
-    geometry: LidarGeometry | None = None
-    for where, scan, scanner, laser in said:
-        geometry = geometry or scanner
-        if len(scan.ranges_m) != geometry.beams:
-            beams = f"{len(scan.ranges_m)} ranges in a log whose first scan has {geometry.beams}"
-            raise InputError(f"{where}: a scan of {beams}")
-        _check_pose(scan.odometry, "odometry", where)
-        scans.append(scan)
-        lasers += [] if laser is None else [laser]
-    if geometry is None:
+    lines: list[_Line] = []
+    for line in said:
+        _check_pose(line.scan.odometry, "odometry", line.where, (lines or [line])[0].scan.odometry)
+        lines.append(line)
+    if not lines:
         raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
-    log = ScanLog(path, geometry, scans)
+    beams, left_out = usual_beams(path, [len(line.scan.ranges_m) for line in lines])
+    lines = [line for line in lines if len(line.scan.ranges_m) == beams]
+    geometry, lasers = lines[0].scanner, [line.laser for line in lines if line.laser is not None]
+    log = ScanLog(path, geometry, [line.scan for line in lines], left_out)
     if not lasers or np.ptp(np.array(lasers), axis=0).max() >= _SAME_PLACE:
         return log
     off_m = math.hypot(lasers[0].x, lasers[0].y)
     if off_m > LONGEST_MOUNT_M:
         return replace(log, laser_off_m=off_m)
     return replace(log, geometry=replace(geometry, mount=lasers[0]))
+
+
+def usual_beams(path: Path, beams: Sequence[int]) -> tuple[int, dict[int, int]]:
+    """The number of beams that more than half of the scans have, and how many have each other number.
+
+    ``beams``: of each scan, at least one. Raises InputError: there is no such number.
+    """
+    counts = Counter(beams)
+    (usual, scans), *others = counts.most_common()
+    if 2 * scans <= len(beams):
+        some = ", ".join(map(str, sorted(counts)[:4])) + (", ..." if len(counts) > 4 else "")
+        raise InputError(
+            f"{path}: its scans have {some} ranges, and no number of them more than half; "
+            "SLAM takes one laser"
+        )
+    return usual, dict(others)
 
 
 def _of_table(path: Path, lines: list[str]) -> Iterator[_Line]:
@@ -289,6 +317,7 @@ def _of_raw(path: Path, lines: list[str], kind: str) -> Iterator[_Line]:
 
 def _of_posed(path: Path, lines: list[str], kind: str) -> Iterator[_Line]:
     """Of ``FLASER`` or ``ROBOTLASER1``, whose lines have the laser's pose and the robot's."""
+    first: tuple[Pose2D, Pose2D] | None = None
     for where, words in _messages(path, lines, kind):
         if kind == "FLASER":
             ranges_m, rest = _take_ranges(words[1:], where)
@@ -305,8 +334,11 @@ def _of_posed(path: Path, lines: list[str], kind: str) -> Iterator[_Line]:
             raise InputError(f"{where}: odometry missing: {needed}; the line holds {len(rest)} more words")
         placed = Pose2D(*numbers(rest[0:3], where, "laser pose"))
         odometry = Pose2D(*numbers(rest[3:6], where, "odometry"))
-        _check_pose(placed, "laser's pose", where)
-        _check_pose(odometry, "odometry", where)
+        first = first or (placed, odometry)
+        _check_pose(placed, "laser's pose", where, first[0])
+        _check_pose(
+            odometry, "odometry", where, first[1]
+        )  # before it is turned, which needs numbers of a size
         laser = placed.relative_to(odometry)
         (stamp_s,) = numbers([rest[stamp_at]], where, "stamp")
         scan = LoggedScan(stamp_s, odometry, ranges_m, odometry.compose(laser))
@@ -366,13 +398,18 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
     return geometry, ranges_m, rest if count is None else rest[1 + count :]
 
 
-def _check_pose(pose: Pose2D, whose: str, where: str) -> None:
-    """Raise InputError if a pose is further off than a map may be, or turned by more than a robot can be."""
+def _check_pose(pose: Pose2D, whose: str, where: str, first: Pose2D) -> None:
+    """Raise InputError if a pose is further from the first than a map may be large, or no robot's."""
     x, y, yaw = pose
-    if max(abs(x), abs(y)) > LARGEST_MAP_M:
+    if max(abs(x), abs(y)) > FARTHEST_M:
         raise InputError(
-            f"{where}: the {whose} x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
-            "no map can be that large; is it in metres?"
+            f"{where}: the {whose} x {x:g}, y {y:g} lies more than {FARTHEST_M:g} m from its origin, where "
+            "no frame has a robot; is it in metres?"
+        )
+    if max(abs(x - first.x), abs(y - first.y)) > LARGEST_MAP_M:
+        raise InputError(
+            f"{where}: the {whose} x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from the first one, "
+            "and no map can be that large; is it in metres?"
         )
     if abs(yaw) > LARGEST_HEADING_RAD:
         raise InputError(

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit, numba
 from midnet_bench.elementary import directions, exp, exponentials, standard_normals
 from midnet_bench.geometry import Floats, Indices, LidarGeometry, Pose2D, wrap_angle
+from midnet_bench.grid import FAR_CELLS
 from midnet_bench.mapping.grid_slam import ORIGIN, GridSlam, ScanRays, hill_climb, rotate, trace_rays
 from midnet_bench.mapping.mapping_settings import GmappingSettings
 
@@ -381,6 +382,9 @@ class ParticleMaps:
 
     def _grow(self, low_m: Floats, high_m: Floats) -> None:
         """Let the tables cover the rectangle and a cell around it."""
+        if self.tables.shape[1:] == (1, 1) and not self.tables.any():
+            first = np.floor(low_m / self.resolution_m).astype(np.int64)
+            self.origin_cells = np.where(np.abs(first) > FAR_CELLS, first, 0)
         low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1 - self.origin_cells
         high = np.floor(high_m / self.resolution_m).astype(np.int64) + 1 - self.origin_cells
         rows, columns = self.tables.shape[1:]

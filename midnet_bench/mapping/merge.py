@@ -14,7 +14,15 @@ import numpy.typing as npt
 import scipy.fft
 
 from midnet_bench.geometry import Floats, Pose2D, mean_point, wrap_angle
-from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, cell_centers, cells_to_unset, values_at
+from midnet_bench.grid import (
+    OCCUPIED_FROM,
+    UNKNOWN,
+    OccupancyGrid,
+    cell_centers,
+    cells_to_unset,
+    same_resolution,
+    values_at,
+)
 from midnet_bench.mapping.grid_slam import ORIGIN, hill_climb
 
 Image = npt.NDArray[np.float32]
@@ -319,6 +327,11 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
     ``maps``: at least one; int8, -1 unknown, 0 to 100; ``placements``: their frames in the result's frame.
     """
     resolution = maps[0].resolution
+    # so that none reaches a rounding beyond its cells
+    maps = [
+        grid.at_resolution(resolution) if same_resolution(grid.resolution, resolution) else grid
+        for grid in maps
+    ]
     outer = [np.array([*product(grid.extent[::2], grid.extent[1::2])]) for grid in maps]
     corners = np.concatenate([pose.transform(each) for each, pose in zip(outer, placements, strict=True)])
     anchor = placements[0].transform(np.array([maps[0].origin]))[0]

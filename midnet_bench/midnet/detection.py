@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats, Pose2D
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, same_resolution
 from midnet_bench.midnet.midnet_settings import Align, Unknown
 
 BinaryArray = npt.NDArray[np.uint8]
@@ -26,7 +26,6 @@ BoxArray = Floats  # (n, 4): x_min, y_min, x_max, y_max of each box, metres, map
 
 OCCUPIED = 0  # black, where something is
 FREE = 255  # white, where nothing is, or nothing is known
-RESOLUTION_TOLERANCE = 1e-4  # saved maps round their resolution to six decimals, ROS messages to 32 bits
 
 
 def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> BinaryArray:
@@ -129,7 +128,7 @@ def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, al
     ``align``: ``floor``, Eqs. 2 to 4 from the robot's pose; ``origin``, from the costmap's own origin. Raises
     InputError if the two grids differ in resolution (item 19).
     """
-    if not math.isclose(costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE):
+    if not same_resolution(costmap.resolution, prior.resolution):
         raise InputError(
             f"costmap: resolution {costmap.resolution:g} m differs from the prior map's"
             f" {prior.resolution:g} m; give both the same"

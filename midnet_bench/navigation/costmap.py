@@ -12,7 +12,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D
-from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, cell_along
+from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, cell_along, same_resolution
 from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 Cells = npt.NDArray[np.uint8]
@@ -221,7 +221,7 @@ class GlobalCostmap(Costmap):
         The map may have grown or moved by whole cells, as a map under construction does. Raises InputError
         for another resolution.
         """
-        if static_map.resolution != self.settings.resolution:
+        if not same_resolution(static_map.resolution, self.settings.resolution):
             raise InputError(
                 f"prior map: resolution {static_map.resolution} differs from the global costmap's "
                 f"{self.settings.resolution}; set both to the same"

@@ -13,9 +13,9 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, same_resolution
 from midnet_bench.io.map_server import load_map
-from midnet_bench.io.scan_logs import LoggedScan, ScanLog
+from midnet_bench.io.scan_logs import LoggedScan, ScanLog, usual_beams
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
@@ -55,7 +55,7 @@ class ReplayInputs:
         """
         values, cell_m = dict(self.setup.settings), self.prior_map.resolution
         given_m = values.pop("resolution_m", cell_m)
-        if not isinstance(given_m, float | int) or abs(given_m - cell_m) > 1e-5:
+        if not isinstance(given_m, float | int) or not same_resolution(given_m, cell_m):
             raise InputError(
                 f"settings: resolution_m: {given_m}: cells are as large as the map's, {cell_m:g} m; "
                 "'midnet-bench map --from-map' makes a map of others"
@@ -342,7 +342,7 @@ def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
 
     Raises:
         InputError: the file is no recording, has several robots or lasers, no pose, or scans of several
-            LiDARs.
+            LiDARs, of which none has more than half.
     """
     setup = RecordingSetup().changed({"start": {EVERY: FOUND}, "map": None})
     with opened([path]) as sources:
@@ -359,12 +359,10 @@ def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
         scans = [(one.scan, one.estimate.pose) for frame in frames for one in frame.observed if one.scan]
     if not scans:
         raise InputError(f"{path}: no scan of it has a pose; give a recording with odometry")
-    lidar = scans[0][0].lidar
-    logged = []
+    beams, left_out = usual_beams(path, [scan.lidar.beams for scan, _ in scans])
+    scans = [(scan, pose) for scan, pose in scans if scan.lidar.beams == beams]
+    lidar, logged = scans[0][0].lidar, []
     for scan, pose in scans:
-        if scan.lidar.beams != lidar.beams:
-            beams = f"{lidar.beams} and of {scan.lidar.beams} beams"
-            raise InputError(f"{path}: scans of {beams}; SLAM takes one laser")
         ranges_m = np.where(np.isinf(scan.ranges_m), lidar.range_max_m, scan.ranges_m)
         logged.append(LoggedScan(scan.stamp_s, pose, ranges_m))
-    return ScanLog(path, lidar, logged)
+    return ScanLog(path, lidar, logged, left_out)

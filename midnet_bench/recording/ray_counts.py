@@ -14,7 +14,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats, Scan
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import FAR_CELLS, OccupancyGrid
 from midnet_bench.midnet.detection import FREE
 from midnet_bench.navigation.costmap import line_steps
 from midnet_bench.recording.files.readings import MOST_CELLS
@@ -69,6 +69,10 @@ class RayCounts:
         if not np.isfinite(points).all():
             raise InputError("ray counts: a return lies nowhere; poses and ranges must be finite")
         rows, columns = self.hits.shape
+        first = self._cells(points[-1])
+        if self.began_s is None and (rows, columns) == (1, 1) and np.abs(first).max() > FAR_CELLS:
+            x, y = (self.origin + first * self.resolution_m).tolist()
+            self.origin = x, y
         low, high = self._cells(points.min(axis=0)), self._cells(points.max(axis=0)) - (columns - 1, rows - 1)
         left, below = np.where(low < 0, MARGIN_CELLS - low, 0).tolist()
         right, above = np.where(high > 0, MARGIN_CELLS + high, 0).tolist()

@@ -64,3 +64,13 @@ def test_a_map_of_too_many_cells_is_refused() -> None:
     grid = OccupancyGrid(np.zeros((1000, 1000), np.int8), 0.2, (0.0, 0.0))
     with pytest.raises(InputError, match=r"resolution_m: 0\.02 m makes 10000 x 10000 cells"):
         resampled(grid, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("written", "new"), [(0.05000000074505806, 0.05), (0.033333, 1.0 / 30.0), (1.0 / 30.0, 0.033333)]
+)
+def test_a_resolution_that_was_rounded_changes_no_cell(written: float, new: float) -> None:
+    cells = np.random.default_rng(1).choice(np.array([-1, 0, 50, 100], np.int8), size=(300, 400))
+    made = resampled(OccupancyGrid(cells, written, (-3.0, 1.0)), new)
+    assert made.resolution == new
+    assert (made.data == cells).all()

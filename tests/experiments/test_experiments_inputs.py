@@ -11,9 +11,11 @@ import pytest
 from midnet_bench.arena.arena import arena_names, load_arena
 from midnet_bench.arena.layout import robot_starts
 from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.campaign.trial import TrialSpec, encode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import _as_text, prior_map_from
+from midnet_bench.experiments.registry import run_trials
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.mapping.map_score import score_map
@@ -83,6 +85,38 @@ def test_what_is_wrong_with_a_map_names_its_file(tmp_path: Path) -> None:
         assert refused({"prior_map": str(path)}).startswith(f"f.yaml: parameters: prior_map: {path}: {said}")
     assert "prior_map: absent.yaml: cannot be read: No such file" in refused({"prior_map": "absent.yaml"})
     assert "prior_map: explored: resolution 0.05 m" in refused({"resolution_m": 0.1})
+
+
+def test_a_map_whose_resolution_was_rounded_is_the_same_map(tmp_path: Path) -> None:
+    for cell_m, written in (
+        (0.05, ("0.05", "0.05000000074505806", "0.0500000007")),
+        (1.0 / 30.0, ("0.033333", "0.03333333507446289", repr(1.0 / 30.0))),
+    ):
+        taken = []
+        for number, resolution in enumerate(written):
+            path = tmp_path / f"{cell_m:.3f}-{number}.yaml"
+            save_map(render_exact(load_arena("map1"), cell_m), path)
+            path.write_text(
+                path.read_text().replace(f"resolution: {cell_m:.6f}", f"resolution: {resolution}")
+            )
+            parameters = DetectionParameters.of(prior_map=str(path), resolution_m=cell_m)
+            grid = prior_map_from(parameters.prior_map, "map1", cell_m)
+            taken.append((grid.resolution, grid.extent, grid.data.tobytes()))
+        assert taken[0][0] == cell_m
+        assert taken == taken[:1] * len(taken)
+
+
+@pytest.mark.slow
+def test_a_trial_runs_alike_on_a_map_of_32_bits(tmp_path: Path) -> None:
+    found = []
+    for resolution in ("0.050000", "0.05000000074505806"):
+        path = tmp_path / f"{resolution}.yaml"
+        save_map(render_exact(load_arena("map1"), 0.05), path)
+        path.write_text(path.read_text().replace("resolution: 0.050000", f"resolution: {resolution}"))
+        parameters = DetectionParameters.of(engine="fast", robots=1, frames=5, prior_map=str(path))
+        (result,) = run_trials([TrialSpec("detection", parameters.flat_values(), 1)])
+        found.append(encode_tables(result))
+    assert found[0] == found[1]
 
 
 def test_what_is_wrong_with_an_arena_names_its_key_and_file(tmp_path: Path) -> None:

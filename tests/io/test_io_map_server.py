@@ -347,6 +347,8 @@ def test_names_that_yaml_would_misread_are_quoted(tmp_path: Path) -> None:
 def test_numbers_as_yaml_1_1_writes_them(tmp_path: Path) -> None:
     write_pgm(tmp_path / "map.pgm", ALL_GREYS)
     assert load_map(write_yaml(tmp_path, resolution="5e-2")).resolution == 0.05
+    for of_32_bits in ("0.05000000074505806", "0.0500000007"):
+        assert load_map(write_yaml(tmp_path, resolution=of_32_bits)).resolution == 0.05
     as_is = load_map(write_yaml(tmp_path, negate="false")).data
     np.testing.assert_array_equal(as_is, load_map(write_yaml(tmp_path, negate="0")).data)
 

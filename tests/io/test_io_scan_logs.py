@@ -24,8 +24,25 @@ UNUSABLE = {
     ":1: odometry missing: laser_x": [f"{ROBOT_HEAD} 3 1 2 3 0 1 2 0 1 host 1"],
     ":1: odometry missing: a line must read": ["10.5 180 " + " ".join(RANGES)],
     ":1: odometry: 'nan'": [FLASER.replace("1 2 0.5 100.25", "1 nan 0.5 100.25")],
-    ":3: a scan of 90 ranges": [FLASER, "#", f"FLASER 90 {' '.join(RANGES[:90])} 1 2 0.5 1 2 0.5 9 host 0"],
-    ":2: a scan of 4 ranges": ["1 0 0 0 3 1 2 3", "2 0 0 0 4 1 2 3 4"],
+    ": its scans have 90, 180 ranges, and no number of them more than half": [
+        FLASER,
+        "#",
+        f"FLASER 90 {' '.join(RANGES[:90])} 1 2 0.5 1 2 0.5 9 host 0",
+    ],
+    ": its scans have 3, 4, 5, 6, ... ranges, and no number of them more than half; SLAM takes one": [
+        f"{n} 0 0 0 {n} {'1 ' * n}" for n in (3, 3, 3, 4, 5, 6, 7)
+    ],
+    ":2: the odometry x 5e+08, y 0 lies more than 1e+08 m from its origin": [
+        "1 0 0 0 3 1 2 3",
+        "2 5e8 0 0 3 1 2 3",
+    ],
+    ":3: the odometry x 449300, y 5.41193e+06 lies more than 1000 m from the first one": [
+        f"{k} {x} 5411932.5 0 3 1 2 3" for k, x in enumerate((448262.25, 449000, 449300))
+    ],
+    ":2: the laser's pose x 1200, y 0 lies more than 1000 m from the first one": [
+        "FLASER 3 1 2 3 0 0 0 5e5 0 0 1 h 1",
+        "FLASER 3 1 2 3 1200 0 0 5e5 0 0 2 h 2",
+    ],
     ":1: 3 ranges are announced, but only 2": ["1 0 0 0 3 1 2"],
     ":1: 3 ranges are announced, but 1 more": ["1 0 0 0 3 1 2 3 4"],
     ":1: 180 ranges are announced": ["FLASER 180 1.5 1.5"],
@@ -38,8 +55,8 @@ UNUSABLE = {
     ":2: stamp: ": [ODOM, f"{RAW_HEAD} 3 1 2 3 \u00b2 7 8 1.1 host 1.1"],
     ":2: stamp: '999": [ODOM, f"{RAW_HEAD} 3 1 2 3 {'9' * 5000} 7 8 1.1 host 1.1"],
     ":1: laser pose: ": [f"{ROBOT_HEAD} 3 1 2 3 \u00b2 {POSES}"],
-    ":3: the odometry x 1200, y 0 lies more than 1000 m from its origin, and no map can be that large; is it "
-    "in metres?": [f"{k} {x} 0 0 3 1 2 3" for k, x in enumerate((0, 600, 1200, 1800))],
+    ":3: the odometry x 1200, y 0 lies more than 1000 m from the first one, and no map can be that large; is "
+    "it in metres?": [f"{k} {x} 0 0 3 1 2 3" for k, x in enumerate((0, 600, 1200, 1800))],
     ":1: the laser's pose has a heading of 1e+308 rad": ["FLASER 3 1 2 3 0 0 1e308 0 0 0 1 h 1"],
     ":1: the laser's pose x -1e+308, y 0 lies more": ["FLASER 3 1 2 3 -1e308 0 0 0 0 0 1 h 1"],
     ":1: the odometry has a heading of -1e+308 rad": ["FLASER 3 1 2 3 0 0 0 0 0 -1e308 1 h 1"],
@@ -218,3 +235,40 @@ def test_a_laser_too_far_from_its_robot_is_no_mount(tmp_path: Path) -> None:
         f"{log.path}: the laser's poses lie 50 m from the robot's, which is no mount; "
         "the laser is taken to sit on the robot's base"
     ]
+
+
+ODD = [
+    f"{k} {0.1 * k} 0 0 {n} " + "1.5 2.5 " * (n // 2) + "2" * (n % 2)
+    for k in range(20)
+    for n in (90 + (k != 7),)
+]
+"""a log with one scan of 90 ranges among 19 of 91"""
+
+
+def test_a_scan_with_a_beam_less_than_the_others_is_left_out_and_told(tmp_path: Path) -> None:
+    log = read_scan_log(written(tmp_path, *ODD))
+    assert (len(log), log.geometry.beams) == (19, 91)
+    assert [scan.stamp_s for scan in log] == [k for k in range(20) if k != 7]
+    assert log.warnings == [
+        f"{log.path}: 1 of 20 scans have 90 ranges, not 91 as the others, and were left out"
+    ]
+
+
+def test_the_first_scan_may_be_the_odd_one_in_each_kind_of_log(tmp_path: Path) -> None:
+    for odd, usual in (
+        ("0 0 0 0 2 1 2", "1 0 0 0 3 1 2 3"),
+        ("FLASER 4 1 2 3 1 0 0 0 0 0 0 1 h 1", "FLASER 3 1 2 3 0 0 0 0 0 0 1 h 1"),
+        (f"{RAW_HEAD} 2 1 2 0 1 host 1", f"{RAW_HEAD} 3 1 2 3 0 1 host 1"),
+        (f"{ROBOT_HEAD} 2 1 2 {POSES}", f"{ROBOT_HEAD} 3 1 2 3 {POSES}"),
+    ):
+        head = ODOM if odd.startswith("RAW") else "# a comment"
+        log = read_scan_log(written(tmp_path, head, odd, usual, usual))
+        assert (len(log), log.geometry.beams) == (2, 3)
+        assert sum(log.left_out.values()) == 1
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (448262.25, 5411932.5), (-9e7, 9e7)])
+def test_a_log_is_measured_from_its_first_pose(tmp_path: Path, start: tuple[float, float]) -> None:
+    x, y = start
+    log = read_scan_log(written(tmp_path, *(f"{k} {x + 50.0 * k} {y} 0 3 1 2 3" for k in range(20))))
+    assert [scan.odometry.x - x for scan in log] == [50.0 * k for k in range(20)]

@@ -1,17 +1,20 @@
 """A recorded log becomes a map."""
 
 import math
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.scan_logs import half_circle, read_scan_log
+from midnet_bench.grid import cell_centers, values_at
+from midnet_bench.io.scan_logs import ScanLog, half_circle, read_scan_log
 from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.log_mapping import collapse, map_scans
+from midnet_bench.mapping.log_mapping import MappingResult, collapse, map_scans
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, drive
 
 
@@ -101,3 +104,47 @@ def test_a_heading_that_jumps_is_told_with_its_scan(turned_deg: int, tmp_path: P
     else:
         (warning,) = warnings
         assert warning.startswith("run.log: scan 13: heading changed by ")
+
+
+def drive_log(tmp_path: Path, x: float, y: float) -> ScanLog:
+    """Of one drive in a room, with odometry in a frame whose origin lies (-x, -y) m off the room's."""
+    lidar = half_circle(90)
+    journey = drive(ROOM, lidar, Pose2D(1.0, 1.0, 0.0), ROUND_TRIP[:2], np.random.default_rng(5))
+    lines = []
+    for k in range(0, len(journey.stamps_s), 5):
+        ranges, at = " ".join(f"{r:.2f}" for r in journey.ranges_m[k]), journey.odometry[k]
+        lines.append(f"{journey.stamps_s[k]:.6f} {at.x + x} {at.y + y} {at.yaw} 90 {ranges}")
+    return read_scan_log(written(tmp_path, *lines))
+
+
+@pytest.mark.parametrize("particles", [5, None])
+def test_a_log_far_from_its_origin_gives_the_same_map_there_for_no_more_memory(
+    particles: int | None, tmp_path: Path
+) -> None:
+    def made(x: float, y: float) -> tuple[MappingResult, int]:
+        log = drive_log(tmp_path, x, y)
+        tracemalloc.start()
+        try:
+            result = map_scans(log, particles, seed=1)
+            return result, tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    made(0.0, 0.0)  # loads what is compiled
+    near, near_bytes = made(0.0, 0.0)
+    for x, y in ((448262.25, 5411932.5), (-1500.0, 0.0)):
+        far, far_bytes = made(x, y)
+        assert far_bytes < 1.5 * near_bytes + 1e6
+        shift = far.trajectory.poses - near.trajectory.poses
+        np.testing.assert_allclose(shift, np.broadcast_to((x, y, 0.0), shift.shape), atol=0.02)
+        cells = np.rint((np.array(far.grid.origin) - near.grid.origin - (x, y)) / 0.05).astype(int)
+        assert np.abs(cells).max() <= 1
+        walls = far.grid.data == 100
+        walls_there = values_at(
+            cv2.dilate((near.grid.data == 100).astype(np.uint8), np.ones((3, 3), np.uint8)),
+            near.grid,
+            cell_centers(far.grid, walls) - (x, y),
+            outside=0,
+        )
+        assert walls_there.mean() > 0.99
+        assert np.count_nonzero(walls) == pytest.approx(np.count_nonzero(near.grid.data == 100), rel=0.02)

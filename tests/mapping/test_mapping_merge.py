@@ -205,6 +205,15 @@ def test_compose_takes_the_largest_known_value():
     assert drawn(compose([second, first], [SAME, SAME])) == ["# #", " . "]
 
 
+@pytest.mark.parametrize("rounded", [float(np.float32(0.05)), 0.0500001, 0.0499999])
+def test_compose_takes_a_rounded_resolution_for_the_same(rounded):
+    cells = np.random.default_rng(1).choice(np.array([-1, 0, 100], np.int8), size=(400, 500))
+    first, second = (OccupancyGrid(cells, resolution, (-3.0, 1.0)) for resolution in (0.05, rounded))
+    merged = compose([first, second], [SAME, SAME])
+    assert merged.data.shape == cells.shape
+    assert (merged.data == cells).all()
+
+
 def test_compose_makes_room_and_leaves_the_rest_unknown():
     merged = compose([grid("#"), grid(" #", origin=(2.0, 1.0))], [SAME, SAME])
     assert drawn(merged) == ["?? #", "#???"]

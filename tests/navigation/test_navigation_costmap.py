@@ -498,3 +498,15 @@ def test_a_beam_clears_up_to_where_it_leaves_the_grid(
     end = [place + move * times * inside for place, move in zip(start, step, strict=True)]
     nearest = np.hypot(columns + 0.5 - end[0], rows + 0.5 - end[1]).min()
     assert nearest <= math.hypot(0.5, 0.5) + 1e-6
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.05000000074505806, 0.0499999])
+def test_a_static_map_may_have_a_rounded_resolution(resolution: float) -> None:
+    cells = np.zeros((40, 60), np.int8)
+    cells[10, 20] = 100
+    costmap = GlobalCostmap(BURGER_COSTMAP, OccupancyGrid(cells, resolution, (-1.0, 2.0)))
+    known = GlobalCostmap(BURGER_COSTMAP, OccupancyGrid(cells, 0.05, (-1.0, 2.0)))
+    assert (costmap.costs == known.costs).all()
+    assert costmap.published().extent == known.published().extent
+    with pytest.raises(InputError, match=r"resolution 0\.051 differs"):
+        costmap.set_static(OccupancyGrid(cells, 0.051, (-1.0, 2.0)))

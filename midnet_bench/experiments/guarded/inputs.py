@@ -19,7 +19,7 @@ from pydantic import Field
 from midnet_bench.arena.arena import Arena, arena_names, checked_arena, explored_map, load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, same_resolution
 from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.io.map_server import load_map
 
@@ -112,7 +112,7 @@ def prior_map_from(value: str | None, arena: str, resolution_m: float) -> Occupa
         return render_exact(arena_from(arena), resolution_m)
     is_packaged = taken.startswith(EXPLORED)
     grid = _explored(taken.split(":")[0], arena) if is_packaged else _from_text(taken)
-    if abs(grid.resolution - resolution_m) > 1e-9:
+    if not same_resolution(grid.resolution, resolution_m):
         raise InputError(
             f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
             f"{resolution_m:g} m; resample it by 'midnet-bench map --from-map FILE', set resolution_m, or "
@@ -120,7 +120,7 @@ def prior_map_from(value: str | None, arena: str, resolution_m: float) -> Occupa
         )
     if not is_packaged:
         _check_covers(grid, arena_from(arena))
-    return grid
+    return grid.at_resolution(resolution_m)
 
 
 def check_patrol(grid: OccupancyGrid, arena: str, robots: int, clearance_m: float, reach_m: float) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats, Pose2D
-from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
+from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid, as_written
 from midnet_bench.io.map_server import turned
 
 NS = 1_000_000_000
@@ -158,8 +158,7 @@ class GridReading(NamedTuple):
             raise InputError(f"map: {self.topic}: {size} cells of {self.resolution_m:g} m cannot be")
         if not self.origin.is_pose:
             raise InputError(f"map: {self.topic}: its origin is no pose; its numbers must be finite")
-        # messages round to 32 bits; saved maps have six digits
-        resolution_m = round(self.resolution_m, 6)
+        resolution_m = as_written(self.resolution_m)
         cells = np.where(self.cells >= OCCUPIED_FROM, OCCUPIED, np.where(self.cells < 0, UNKNOWN, FREE))
         grid = OccupancyGrid(cells.astype(np.int8), resolution_m, (self.origin.x, self.origin.y))
         yaw_rad = self.origin.normalized().yaw
