@@ -86,10 +86,24 @@ MUTANTS = [
     Mutant(
         "guards pursue the true position of an intruder, not its box",
         "experiments/labyrinth/trial.py",
-        "self.pursuit.see([box.center for box in midnet.detections], now_s)",
-        "self.pursuit.see([self._place(self.intruders[0]) for _ in midnet.detections], now_s)",
+        "self.pursuit.see(midnet.detections, squares, now_s)",
+        "self.pursuit.see([Box.square(*self._place(self.intruders[0]), 0.2)], squares, now_s)",
         "experiments/test_experiments_labyrinth.py"
         "::test_a_guard_is_sent_to_the_box_and_not_to_the_true_position",
+    ),
+    Mutant(
+        "what a guard pursues keeps the others' patrol points away",
+        "agents/patrol.py",
+        "if i != guard and not one.is_pursuing]",
+        "if i != guard]",
+        "agents/test_patrol.py::test_a_goal_that_a_mate_pursues_keeps_no_patrol_point_away",
+    ),
+    Mutant(
+        "a box on a guard is a target",
+        "agents/pursuit.py",
+        "if not any(box.intersection_area(guard) > 0.0 for guard in guards)]",
+        "]",
+        "agents/test_pursuit.py::test_no_rule_gets_a_box_on_a_guard_whichever_it_is[0-nearest]",
     ),
     Mutant(
         "a message that was overtaken replaces the newer one",
