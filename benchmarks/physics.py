@@ -34,7 +34,7 @@ def measure(
     world = World(place(load_arena(arena), 1, robots, intruders), WorldSettings(engine=engine))
     start_s = time.perf_counter() - begin
     lidars = LidarSensors(world)
-    noise = [stream(1, "lidar", number) for number in range(count)]
+    noise = lidars.noise([stream(1, "lidar", number) for number in range(count)])
     step_s = scans_s = 0.0
     for tick in range(simulated_s * world.step_hz):
         if tick % (world.step_hz // CONTROL_HZ) == 0:

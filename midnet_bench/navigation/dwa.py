@@ -191,8 +191,9 @@ def search(now: _Situation, speeds: Floats, turns: Floats, params: SearchParamet
     Index i * len(turns) + j stands for speeds[i], turns[j].
 
     All samples get the score of their last point first. Obstacle scores are never negative, and at least that
-    of the start, which all samples share. So arcs are followed step by step, the most promising ones first,
-    only while their known part does not exceed the best total yet: that takes a tenth of scoring them all.
+    of the start, which all samples share. So an arc is followed step by step only if its known part does not
+    exceed the best total yet: that takes a tenth of scoring them all. The most promising ones are followed
+    first until one is legal, then what is left in the order of the samples.
     """
     costs, _, start, _, _, footprint = now
     scores = _end_scores(now, speeds, turns, params)
@@ -202,17 +203,28 @@ def search(now: _Situation, speeds: Floats, turns: Floats, params: SearchParamet
         return -1, np.inf
     least = params.occupied * at_start
     best, best_total = -1, np.inf
-    while True:
+    while best < 0:
         sample = int(np.argmin(scores))
-        if scores[sample] == np.inf or scores[sample] + least > best_total:
+        if scores[sample] == np.inf:
             return best, best_total
-        speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
-        highest = collision_cost(now, speed, turn, params.forward_cells, params)
+        highest = _cost_of(sample, now, speeds, turns, params)
         if highest != ILLEGAL:
-            total = scores[sample] + params.occupied * highest
-            if total < best_total or (total == best_total and sample < best):
-                best, best_total = sample, total
+            best, best_total = sample, scores[sample] + params.occupied * highest
         scores[sample] = np.inf
+    for sample in range(len(scores)):
+        if scores[sample] + least <= best_total:
+            highest = _cost_of(sample, now, speeds, turns, params)
+            total = scores[sample] + params.occupied * highest
+            if highest != ILLEGAL and (total < best_total or (total == best_total and sample < best)):
+                best, best_total = sample, total
+    return best, best_total
+
+
+@njit
+def _cost_of(sample: int, now: _Situation, speeds: Floats, turns: Floats, params: SearchParameters) -> int:
+    """``collision_cost`` of a sample."""
+    speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
+    return collision_cost(now, speed, turn, params.forward_cells, params)
 
 
 @njit

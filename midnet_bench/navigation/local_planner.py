@@ -95,8 +95,13 @@ def distance_grids(
     push = forward_m / resolution / distance if distance > 0.0 else 0.0
     height, width = costs.shape
     cells = height * width
-    grids = np.full((3, height + 2, width + 2), np.int32(-1))
-    grids[:, 1:-1, 1:-1] = np.where(costs >= INSCRIBED, cells + 2, cells + 1)
+    grids = np.empty((3, height + 2, width + 2), dtype=np.int32)
+    grids[PATH].fill(-1)
+    for row in range(height):
+        cost, start = costs[row], grids[PATH, row + 1, 1:-1]
+        for column in range(width):
+            start[column] = cells + 2 if cost[column] >= INSCRIBED else cells + 1
+    grids[GOAL], grids[GOAL_FRONT] = grids[PATH], grids[PATH]
     seeds, count = _plan_cells(costs, points, (end_x, end_y))
     _spread(seeds[:count], grids[PATH], cells)
     _spread(seeds[max(count - 1, 0) : count], grids[GOAL], cells)

@@ -6,6 +6,7 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import Dwell, MobileRobot
 from midnet_bench.arena.layout import Layout
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import STOP, Booleans, Floats, Indices, Pose2D, lengths, wrap_angle
 from midnet_bench.localization.ukf import UkfTeam
 from midnet_bench.rng import stream
@@ -51,7 +52,7 @@ class Fleet:
         self._scan_phases = self._drawn_scan_phases(phases, names, seed)
         self._driving = list(robots)
         """those that were neither stopped nor removed"""
-        self._lidar_noise = [stream(seed, "lidar", name) for name in names]
+        self._lidar_noise = lidars.noise([stream(seed, "lidar", name) for name in names])
         self._imus = ImuSensors(settings.imu, [stream(seed, "imu", name) for name in names])
         self._odometers = (
             EncoderOdometers(
@@ -214,6 +215,7 @@ def surfaces(layout: Layout) -> Floats:
     return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
 
 
+@njit
 def crossed_wall(sides: Floats, before: Floats, after: Floats) -> Booleans:
     """(n,) whether the straight way from ``before`` to ``after`` goes through one of ``surfaces``.
 
@@ -222,13 +224,17 @@ def crossed_wall(sides: Floats, before: Floats, after: Floats) -> Booleans:
     A robot's centre is never less than 38 mm from a surface that its body only touches, so going through
     even one side means that the body went through. NaN crosses nothing.
     """
-    start, way = before[:, None, :2], (after - before)[:, None, :2]
-    first, side = sides[:, :2], sides[:, 2:] - sides[:, :2]
-    ends = _turn(way, first - start) * _turn(way, sides[:, 2:] - start)
-    sidewards = _turn(side, start - first) * _turn(side, after[:, None, :2] - first)
-    return np.asarray(((ends < 0.0) & (sidewards < 0.0)).any(axis=1))
-
-
-def _turn(one: Floats, other: Floats) -> Floats:
-    """Above 0 where the other vector points to the left of the one."""
-    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
+    crossed = np.zeros(len(before), dtype=np.bool_)
+    for i in range(len(before)):
+        x, y, to_x, to_y = before[i, 0], before[i, 1], after[i, 0], after[i, 1]
+        for side in sides:
+            # above 0 where an end, or a corner of the side, lies to the left of the other line
+            first = (to_x - x) * (side[1] - y) - (to_y - y) * (side[0] - x)
+            second = (to_x - x) * (side[3] - y) - (to_y - y) * (side[2] - x)
+            along_x, along_y = side[2] - side[0], side[3] - side[1]
+            start = along_x * (y - side[1]) - along_y * (x - side[0])
+            end = along_x * (to_y - side[1]) - along_y * (to_x - side[0])
+            if first * second < 0.0 and start * end < 0.0:
+                crossed[i] = True
+                break
+    return crossed

@@ -24,9 +24,27 @@ from midnet_bench.simulation.world_settings import ImuSettings, LidarNoise, Lida
 Generators = Sequence[np.random.Generator]
 
 
-def drawn(rngs: Generators, rows: Indices, width: int) -> Floats:
-    """(m, width) normal numbers, ``width`` from the generator of each of ``rows``."""
-    return np.array([standard_normals(rngs[row], (width,)) for row in rows.tolist()]).reshape(-1, width)
+class NoiseBlocks:
+    """Normal numbers for the readings of n sensors: the same as drawn reading by reading."""
+
+    READINGS = 16  # of a sensor that are drawn at once
+
+    def __init__(self, rngs: Generators, width: int) -> None:
+        """One generator for each sensor, which nothing else draws from; ``width`` numbers for a reading."""
+        self._rngs = rngs
+        self._blocks = np.empty((len(rngs), self.READINGS, width))
+        self._used = [self.READINGS] * len(rngs)
+
+    def draw(self, rows: Indices) -> Floats:
+        """(m, width) the next reading's numbers of each of ``rows``."""
+        drawn = np.empty((len(rows), self._blocks.shape[2]))
+        for place, row in enumerate(rows.tolist()):
+            if self._used[row] == self.READINGS:
+                self._blocks[row] = standard_normals(self._rngs[row], self._blocks[row].shape)
+                self._used[row] = 0
+            drawn[place] = self._blocks[row, self._used[row]]
+            self._used[row] += 1
+        return drawn
 
 
 NOTHING, SOLID = -1, -2  # What a beam met that was no robot: nothing, a wall or a stationary intruder.
@@ -52,6 +70,9 @@ def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Float
     return axes, directions
 
 
+ErrorSizes = tuple[float, float, float]
+
+
 class Errors(NamedTuple):
     """How a reported range differs from the true one, beside a factor that belongs to the sensor."""
 
@@ -70,19 +91,28 @@ ERRORS: dict[LidarNoise, Errors] = {
 below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as each sensor's factor."""
 
 
+@njit
 def reported(
-    ranges: Floats, normals: Floats, scales: Floats, errors: Errors, limits_m: tuple[float, float]
+    ranges: Floats, normals: Floats, scales: Floats, errors: ErrorSizes, limits_m: tuple[float, float]
 ) -> Floats:
     """(m, beams) what sensors report of true ``ranges``.
 
     ``TOO_NEAR_M`` below the lower limit, inf where nothing was met, else clamped to the limits. ``scales``:
-    (m,) factors, applied first.
+    (m,) factors, applied first; ``errors``: the first three of ``Errors``.
     """
-    is_met = ranges < np.inf
-    scaled = np.where(is_met, ranges, 0.0) * scales[:, None]
-    sigmas_m = np.where(scaled < errors.near_m, errors.sigma_m, errors.sigma_share * scaled)
-    noisy = np.where(is_met, np.clip(scaled + sigmas_m * normals, *limits_m), np.inf)
-    return np.where(ranges < limits_m[0], TOO_NEAR_M, noisy)
+    sigma_m, sigma_share, near_m = errors
+    noisy = np.empty_like(ranges)
+    for i in range(len(ranges)):
+        for k in range(ranges.shape[1]):
+            if ranges[i, k] < limits_m[0]:
+                noisy[i, k] = TOO_NEAR_M
+            elif ranges[i, k] == np.inf:
+                noisy[i, k] = np.inf
+            else:
+                scaled = ranges[i, k] * scales[i]
+                sigma = sigma_m if scaled < near_m else sigma_share * scaled
+                noisy[i, k] = min(max(scaled + sigma * normals[i, k], limits_m[0]), limits_m[1])
+    return noisy
 
 
 @njit
@@ -176,14 +206,18 @@ class LidarSensors:
         self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""
 
+    def noise(self, rngs: Generators) -> NoiseBlocks:
+        """Noise for scans, by a generator of each robot."""
+        return NoiseBlocks(rngs, self._lidar.beams)
+
     def scan(
-        self, indices: Sequence[int] | Indices, noise: Generators, dropouts: Generators | None = None
+        self, indices: Sequence[int] | Indices, noise: NoiseBlocks, dropouts: Generators | None = None
     ) -> Floats:
         """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres.
 
         inf where nothing reflects within range or the beam drops out; 0 (``TOO_NEAR_M``) where something
-        stands closer than the sensor's least range. ``noise``, ``dropouts``: of all robots of the world;
-        the sensors' own dropouts unless given.
+        stands closer than the sensor's least range. ``noise``, of :meth:`noise`, and ``dropouts``: of all
+        robots of the world; the sensors' own dropouts unless given.
 
         Raises:
             ValueError: one of these robots was removed.
@@ -197,16 +231,16 @@ class LidarSensors:
                 own[rngs[index].random(len(own)) < self._dropout] = np.inf
         return ranges
 
-    def measured(self, true_ranges: Floats, rows: Indices, noise: Generators) -> Floats:
+    def measured(self, true_ranges: Floats, rows: Indices, noise: NoiseBlocks) -> Floats:
         """(m, beams) what the LiDARs of those robots report of true ranges, inf for nothing; metres.
 
-        Each one's generator of ``noise`` gives a number for each beam. Errors as :class:`Errors` has them.
+        Each one's ``noise`` gives a number for each beam. Errors as :class:`Errors` has them.
         """
         limits_m = self._lidar.range_min_m, self._lidar.range_max_m
         if self._errors.sigma_m == 0.0:
             return np.where(true_ranges < limits_m[0], TOO_NEAR_M, true_ranges)
-        normals = drawn(noise, rows, self._lidar.beams)
-        return reported(true_ranges, normals, self._scales[rows], self._errors, limits_m)
+        normals = noise.draw(rows)
+        return np.asarray(reported(true_ranges, normals, self._scales[rows], self._errors[:3], limits_m))
 
     def true_scan(self, rows: Indices) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
@@ -264,10 +298,10 @@ class ImuSensors:
 
         It gives two numbers for each: the second was an accelerometer's, which no filter read.
         """
-        self._rngs, self._settings = rngs, settings
         signs = np.array([rng.choice((-1.0, 1.0), size=2)[0] for rng in rngs])
         draws = np.array([standard_normals(rng, (2,))[0] for rng in rngs])
         self._biases = signs * (GYRO_BIAS_RADPS + GYRO_BIAS_STDDEV_RADPS * draws)
+        self._noise = NoiseBlocks(rngs, 2) if settings.noise == "gazebo" else None
         self._drifts = np.zeros(len(rngs))
         """(n,) the integral of each yaw rate's errors, radians"""
         self._readings = np.full((len(rngs), 2), np.nan)
@@ -278,15 +312,35 @@ class ImuSensors:
         Given the truth now, ``elapsed_s`` after the last reading: (n, 3) poses, (n, 2) forward speeds and yaw
         rates.
         """
-        yaws, rates = poses[rows, 2], velocities[rows, 1]
-        if self._settings.noise == "gazebo":
-            noise = drawn(self._rngs, rows, 2)[:, 0]
-            errors = self._biases[rows] + GYRO_STDDEV_RADPS * noise
-            self._drifts[rows] += errors * elapsed_s
-            yaws = (yaws + self._drifts[rows] + math.pi) % (2.0 * math.pi) - math.pi
-            rates = rates + errors
-        self._readings[rows] = np.column_stack((yaws, rates))
+        if self._noise is None:
+            self._readings[rows] = np.column_stack((poses[rows, 2], velocities[rows, 1]))
+        else:
+            truth, noise = (poses, velocities), self._noise.draw(rows)
+            add_gyro_errors(rows, truth, elapsed_s, noise, self._biases, self._drifts, self._readings)
         return self._readings
+
+
+@njit
+def add_gyro_errors(
+    rows: Indices,
+    truth: tuple[Floats, Floats],
+    elapsed_s: float,
+    normals: Floats,
+    biases: Floats,
+    drifts: Floats,
+    readings: Floats,
+) -> None:
+    """Put the yaws and yaw rates of ``rows`` into ``readings``, and what their errors add into ``drifts``.
+
+    ``truth``: (n, 3) poses and (n, 2) velocities; ``normals``: (m, 2), of which the second is not used.
+    """
+    poses, velocities = truth
+    for i in range(len(rows)):
+        row = rows[i]
+        error = biases[row] + GYRO_STDDEV_RADPS * normals[i, 0]
+        drifts[row] += error * elapsed_s
+        readings[row, 0] = (poses[row, 2] + drifts[row] + math.pi) % (2.0 * math.pi) - math.pi
+        readings[row, 1] = velocities[row, 1] + error
 
 
 TICK_RAD = 2.0 * math.pi / 4096  # The least turn of a wheel that its encoder tells apart.
@@ -316,7 +370,7 @@ class EncoderOdometers:
         self._wheels = np.column_stack((scales, separations_m))
         """(n, 3) the scales of the left and right wheel, and metres between them"""
         self._tick_m, self._slip = TICK_RAD * robot.wheel_radius_m, settings.slip_m_per_sqrt_m
-        self._rngs = rngs
+        self._noise = NoiseBlocks(rngs, 2)
         self._velocities = np.zeros((len(starts), 2))
 
     def update(self, rows: Indices, wheel_angles_rad: Floats, elapsed_s: float) -> Floats:
@@ -326,7 +380,7 @@ class EncoderOdometers:
         """
         ticks, poses, wheels = np.floor(wheel_angles_rad / TICK_RAD), self.poses[rows], self._wheels[rows]
         ways_m = (ticks - self._ticks)[rows] * self._tick_m * wheels[:, :2]
-        travel_m = ways_m + self._slip * np.sqrt(np.abs(ways_m)) * drawn(self._rngs, rows, 2)
+        travel_m = ways_m + self._slip * np.sqrt(np.abs(ways_m)) * self._noise.draw(rows)
         forward_m = (travel_m[:, 0] + travel_m[:, 1]) / 2.0
         turn = (travel_m[:, 1] - travel_m[:, 0]) / wheels[:, 2]
         self.poses[rows, :2] += forward_m[:, None] * directions(poses[:, 2] + turn / 2.0)

@@ -38,7 +38,8 @@ def scan_now(made: DetectionTrial) -> tuple[np.ndarray, np.ndarray]:
     """Of every robot, with the same noise each time, and which bodies the beams meet."""
     robots = np.arange(len(made.fleet.robots))
     true = made.lidars.true_scan(robots)
-    return made.lidars.measured(true.ranges_m, robots, [*map(np.random.default_rng, robots)]), true.bodies
+    noise = made.lidars.noise([*map(np.random.default_rng, robots)])
+    return made.lidars.measured(true.ranges_m, robots, noise), true.bodies
 
 
 def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
@@ -46,7 +47,7 @@ def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
         robots = range(len(whole.fleet.robots))
         before, lost = scan_now(whole)[0], []
         for _ in range(20):
-            after = holey.lidars.scan(robots, [np.random.default_rng(i) for i in robots])
+            after = holey.lidars.scan(robots, holey.lidars.noise([np.random.default_rng(i) for i in robots]))
             gone = np.isinf(after) & np.isfinite(before)
             np.testing.assert_array_equal(after[~gone], before[~gone])
             lost.append(gone)

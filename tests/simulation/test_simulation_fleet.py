@@ -33,6 +33,24 @@ def test_ways_through_walls_and_intruders_are_told_from_ways_past_them() -> None
     assert crossed_wall(sides, before, after).tolist() == [way[2] for way in ways]
 
 
+def test_ways_through_walls_are_those_that_cross_products_tell() -> None:
+    """Ways that end on each side of a side's line, where the side has ends on each side of theirs."""
+    sides = surfaces(place(load_arena("map2"), 1, 1))
+    before, after = stream(1, "ways").uniform(-6.0, 6.0, (2, 500, 2))
+
+    def side_of(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        (x, y), (along_x, along_y) = np.moveaxis(point - start, -1, 0), np.moveaxis(end - start, -1, 0)
+        return np.sign(along_x * y - along_y * x)
+
+    here, there = before[:, None], after[:, None]
+    first, last = sides[:, :2], sides[:, 2:]
+    parts = side_of(first, here, there) * side_of(last, here, there)
+    meets = side_of(here, first, last) * side_of(there, first, last)
+    expected = ((parts < 0.0) & (meets < 0.0)).any(axis=1)
+    assert 100 < np.count_nonzero(expected) < 500
+    np.testing.assert_array_equal(crossed_wall(sides, before, after), expected)
+
+
 def test_distance_is_the_path_and_a_jump_through_a_wall_is_counted() -> None:
     layout = scene([(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
     poses = np.array([(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])

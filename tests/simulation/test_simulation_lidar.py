@@ -13,10 +13,10 @@ from midnet_bench.rng import stream
 from midnet_bench.robots.turtlebot3 import LDS_01
 from midnet_bench.simulation import sensors as lidar
 from midnet_bench.simulation.bullet_engine import BATCH
-from midnet_bench.simulation.sensors import NOTHING, SOLID, TOO_NEAR_M
+from midnet_bench.simulation.sensors import NOTHING, SOLID, TOO_NEAR_M, NoiseBlocks
 from tests.simulation.scenes import BulletWorld, FastWorld, beam_lengths, run, scene, sensors
 
-ANY = [stream(1, "unused")] * 10
+ANY = NoiseBlocks([stream(1, "unused")] * 10, LDS_01.beams)
 LIMITS_M = (LDS_01.range_min_m, LDS_01.range_max_m)
 
 
@@ -118,8 +118,8 @@ def test_a_scan_does_not_depend_on_who_scans_with_it() -> None:
     with BulletWorld(layout) as world:
         lidars = sensors(world, noise="gazebo")
 
-        def noise() -> list[np.random.Generator]:
-            return [stream(1, "noise", i) for i in range(10)]
+        def noise() -> NoiseBlocks:
+            return lidars.noise([stream(1, "noise", i) for i in range(10)])
 
         together = lidars.scan(range(10), noise())
         alone = [lidars.scan([i], noise())[0] for i in range(10)]
@@ -143,13 +143,36 @@ def noisy_scans(noise: str, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
     with FastWorld(layout) as world:
         truth = sensors(world).scan([0], ANY)[0]
         lidars = sensors(world, noise=noise)
-        rngs = [stream(3, "lidar", 0)]
-        return truth, np.array([lidars.scan([0], rngs)[0] for _ in range(scans)])
+        blocks = lidars.noise([stream(3, "lidar", 0)])
+        return truth, np.array([lidars.scan([0], blocks)[0] for _ in range(scans)])
 
 
 def reported(ranges: np.ndarray, noise: str) -> np.ndarray:
     normals = standard_normals(stream(1, "a"), ranges.shape)
-    return lidar.reported(ranges, normals, np.ones(1), lidar.ERRORS[noise], LIMITS_M)
+    return lidar.reported(ranges, normals, np.ones(1), lidar.ERRORS[noise][:3], LIMITS_M)
+
+
+def test_blocks_of_noise_hold_what_would_be_drawn_reading_by_reading() -> None:
+    """Sensors in any order, also one twice in a call, and past the end of a block."""
+    blocks = NoiseBlocks([stream(1, "noise", i) for i in range(3)], 5)
+    alone = [stream(1, "noise", i) for i in range(3)]
+    for rows in [[0, 1, 2], [2], [1, 1, 0], [], *[[2, 0]] * (2 * NoiseBlocks.READINGS)]:
+        expected = np.array([standard_normals(alone[row], (5,)) for row in rows]).reshape(-1, 5)
+        np.testing.assert_array_equal(blocks.draw(np.array(rows, dtype=np.int64)), expected)
+
+
+def test_what_is_reported_is_what_arrays_give() -> None:
+    """The same in NumPy, to the last bit: far and near ranges, nothing met, too near, beyond the limits."""
+    rng = np.random.default_rng(1)
+    ranges = np.concatenate(([np.inf, 0.0, 0.119, 0.12, 3.5], rng.uniform(0.05, 3.5, 355)))[None]
+    ranges = np.concatenate((ranges, rng.permuted(ranges)))
+    scales, normals = np.array([0.97, 1.04]), rng.normal(size=ranges.shape)
+    for sigma_m, share, near_m, _ in lidar.ERRORS.values():
+        scaled = np.where(np.isinf(ranges), 0.0, ranges) * scales[:, None]
+        noisy = np.clip(scaled + np.where(scaled < near_m, sigma_m, share * scaled) * normals, *LIMITS_M)
+        expected = np.where(ranges < LIMITS_M[0], TOO_NEAR_M, np.where(np.isinf(ranges), np.inf, noisy))
+        given = lidar.reported(ranges, normals, scales, (sigma_m, share, near_m), LIMITS_M)
+        np.testing.assert_array_equal(given, expected)
 
 
 def test_noise_is_drawn_scan_by_scan() -> None:

@@ -48,7 +48,8 @@ def driven(world: World) -> None:
     """Asks everything of a world once."""
     world.drive(0, Command(0.1, 0.0))
     run(world, 0.1)
-    sensors(world).scan([0, 1], [np.random.default_rng(0)] * 2)
+    lidars = sensors(world)
+    lidars.scan([0, 1], lidars.noise([np.random.default_rng(0)] * 2))
     world.wheel_angles()
     world.collisions()
 

@@ -112,7 +112,7 @@ def moving(world: worlds.World, seconds: float, digest):
     count = len(world.active)
     steer = stream(world.layout.seed, "test steering")
     lidars = sensors(world, noise="gazebo")
-    noise = [stream(world.layout.seed, "test lidar", i) for i in range(count)]
+    noise = lidars.noise([stream(world.layout.seed, "test lidar", i) for i in range(count)])
     for tick in range(round(seconds * world.step_hz)):
         if tick % (world.step_hz // 2) == 0:
             for index in np.flatnonzero(world.active):
@@ -165,7 +165,7 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time(Wo
             assert np.isnan(world.wheel_angles()[3]).all()
             lidars = sensors(world)
             with pytest.raises(ValueError, match="robot 3 is not in this world"):
-                lidars.scan([0, 3], [stream(1, "a")] * 5)
+                lidars.scan([0, 3], lidars.noise([stream(1, "a")] * 5))
         digests.append(digest.hexdigest())
     assert digests[0] == digests[1]
 
@@ -173,7 +173,7 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time(Wo
 def test_a_removed_robot_is_neither_seen_nor_bumped_into(World: type) -> None:
     with World(scene([(0.0, 0.0, 0.0)], [(0.6, 0.0, 0.0)])) as world:
         lidars = sensors(world)
-        noise = [stream(1, "a")] * 2
+        noise = lidars.noise([stream(1, "a")] * 2)
         assert lidars.scan([0], noise)[0, 0] < 1.0
         world.remove(1)
         assert lidars.scan([0], noise)[0, 0] == pytest.approx(WALL_FACE_M + 0.032, abs=0.003)

@@ -44,7 +44,8 @@ class Scorer:
         """For a trial that has not begun."""
         self.test = test
         self.node = node
-        self.sight = [stream(trial.seed, "sight", guard.name) for guard in trial.guards]
+        rngs = [stream(trial.seed, "sight", guard.name) for guard in trial.guards]
+        self.sight = trial.lidars.noise(rngs)
         """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
         self.counted: list[tuple[FrameCounts, Causes]] = []  # of each frame of a whole trial

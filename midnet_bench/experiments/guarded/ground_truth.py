@@ -68,7 +68,7 @@ class GroundTruthOverride:
         self._newest_poses = [guard.pose for guard in self._guards]
         """at the newest frame, where that is not the instant of a control cycle"""
         purpose = "oracle lidar" if oracle == "delay" else "oracle echoes"
-        self._noise = [stream(seed, purpose, guard.name) for guard in self._guards]
+        self._noise = trial.lidars.noise([stream(seed, purpose, guard.name) for guard in self._guards])
         self._dropouts = [stream(seed, "oracle dropout", guard.name) for guard in self._guards]
         self._walls = outlines_of(trial.world.layout.arena.wall_solids())[:]
         self._lidars: dict[int, MultiEchoLidar] = {}  # by number of echoes: each keeps its directions
