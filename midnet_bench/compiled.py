@@ -281,3 +281,17 @@ def numba() -> ModuleType:
 def collect_garbage_rarely() -> None:
     """Let this process search cyclic garbage each 100 000 objects: imports make many, and few are garbage."""
     gc.set_threshold(100_000, 50, 50)
+
+
+def collect_garbage_of_trial() -> None:
+    """Free what a trial has left in cycles, as a detector of a user's may.
+
+    What is alive after the first trial is not looked at again: imports, compiled loops, maps.
+    """
+    gc.collect()
+    _freeze()
+
+
+@cache
+def _freeze() -> None:
+    gc.freeze()

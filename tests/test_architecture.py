@@ -336,10 +336,26 @@ def test_what_needs_no_physics_is_imported_without_pybullet_and_mujoco() -> None
 
 
 @pytest.mark.parametrize(
-    "arguments", [["-c", "import midnet_bench as m; dir(m)"], ["-m", "midnet_bench", "--help"]]
+    "arguments",
+    [
+        ["-c", "import midnet_bench as m; dir(m)"],
+        ["-m", "midnet_bench", "--help"],
+        ["-m", "midnet_bench", "detection", "-h"],
+    ],
 )
 def test_importing_and_helping_load_nothing_heavy(arguments: list[str]) -> None:
-    heavy = ("pybullet", "matplotlib", "pandas", "numba", "cv2", "scipy", "numpy", "pydantic")
+    heavy = (
+        "pybullet",
+        "matplotlib",
+        "pandas",
+        "numba",
+        "cv2",
+        "scipy",
+        "numpy",
+        "pydantic",
+        "yaml",
+        "joblib",
+    )
     command = [sys.executable, "-X", "importtime", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines() if "|" in line}

@@ -12,6 +12,7 @@ import pytest
 
 import midnet_bench
 import midnet_bench as mb
+from midnet_bench.cli.options import HELP
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -102,6 +103,10 @@ def test_the_columns_of_the_trials_tables_are_those_declared() -> None:
     text, results = (DOCS / "results.md").read_text(encoding="utf-8"), script("make_results")
     assert text == results.page(text), "run 'make api'"
     assert set(results.TABLES) <= set(results.BLOCK.findall(text))
+
+
+def test_the_help_of_parameters_is_made_from_their_declarations() -> None:
+    assert HELP.read_text(encoding="utf-8") == script("make_help").page(), "run 'make api'"
 
 
 @pytest.mark.slow

@@ -21,6 +21,8 @@ from types import FrameType
 from typing import IO, Any, Protocol
 
 import joblib
+from joblib._parallel_backends import LokyBackend
+from joblib.executor import get_memmapping_executor
 
 from midnet_bench import compiled
 from midnet_bench.campaign.trial import Outcome, RunTrials, TrialResult, TrialSpec, encode_tables
@@ -178,6 +180,8 @@ def attempt(
     if results is None:
         return [outcome for spec in specs for outcome in attempt(run_trials, [spec], limit_s, marks)]
     wall_s = (time.perf_counter() - start_s) / len(specs)
+    if marks is not None:  # in a worker
+        compiled.collect_garbage_of_trial()
     return [Outcome(spec.trial_id, wall_s, **packed) for spec, packed in zip(specs, results, strict=True)]
 
 
@@ -313,6 +317,23 @@ class LokyPool:
         """Nothing to let go of: idle workers end with this process."""
 
 
+class _Backend(LokyBackend):  # type: ignore[misc] # joblib has no types
+    """Joblib's, but one trial at a time needs one worker: joblib has two, or runs trials in this process."""
+
+    def __init__(self, workers: int, **more: Any) -> None:
+        super().__init__(**more)
+        self._count = workers
+
+    def configure(
+        self, n_jobs: int, parallel: Any, idle_worker_timeout: float, prefer: Any, require: Any, **more: Any
+    ) -> int:
+        """As joblib has it: begins to use worker processes, and returns ``n_jobs``."""
+        self.parallel, env = parallel, self._prepare_worker_env(self._count)
+        more |= {"timeout": idle_worker_timeout, "env": env, "context_id": parallel._id}
+        self._workers = get_memmapping_executor(self._count, **more)
+        return n_jobs
+
+
 class _Workers:
     """Runs tasks by joblib, in a thread of its own, and kills workers that stall.
 
@@ -341,9 +362,9 @@ class _Workers:
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
         end: BaseException | None = None
         try:
-            with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            with joblib.parallel_config(backend=_Backend(self._count, inner_max_num_threads=1)):
                 parallel = joblib.Parallel(
-                    n_jobs=max(2, self._count),  # a single job would run in this process
+                    n_jobs=max(2, self._count),  # joblib would run a single job without its backend
                     return_as="generator_unordered",
                     pre_dispatch=1 if self._count == 1 else 2 * self._count,
                     batch_size=1,

@@ -80,6 +80,12 @@ class Commands(TyperGroup):
 class AllCommands(Commands):
     """The whole program: its help begins with what to type first, then names the commands by heading."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """As usual; Typer would import pydantic to see that a flag, such as ``--help``, is not given."""
+        for flag in self.get_params(ctx):
+            flag.default = False if flag.default is None else flag.default
+        return super().parse_args(ctx, args)
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """As usual; a command of an earlier version says where it went. Raises InputError."""
         if args and args[0] in MOVED:

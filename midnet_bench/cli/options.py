@@ -7,11 +7,13 @@ left out.
 
 import ast
 import inspect
+import json
 import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_type_hints
 
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 SEED, ROBOTS = 1, 5  # of a trial that is no campaign's, unless the user says otherwise
 RESULTS = Path("results")  # Where results go unless ``-o`` says otherwise.
+HELP = Path(__file__).with_name("parameter_help.json")
+"""command -> option -> what its help says of a parameter; ``make api`` makes it of the declarations"""
 PARAMETER = "="  # Help of an option whose sentence, range and default are those of the parameter of its name.
 NUMBERS = ("robots", "intruders", "frames")
 KEY_OF = {"robot_model": "robot", "metric": "metrics"}
@@ -122,25 +126,13 @@ def _take(values: dict[str, Any], group: Any) -> dict[str, Any]:
 
 def help_of(name: str, command: str) -> str | None:
     """What the help of ``command`` says of the option ``name``; None: its experiment does not have it."""
-    from midnet_bench.campaign.definition import load_campaign
-    from midnet_bench.experiments.registry import parameters_model
-    from midnet_bench.settings import leaves
-    from midnet_bench.workflows.campaigns import packaged_campaigns
+    text: str | None = _parameter_help()[command].get(name)
+    return text
 
-    key, experiment = KEY_OF.get(name, name), EXPERIMENT_OF.get(command)
-    experiments = [experiment] if experiment else EXPERIMENT_OF.values()
-    leaf = next((known[key] for one in experiments if key in (known := leaves(parameters_model(one)))), None)
-    if leaf is None:
-        return None
-    default: object = leaf.default if experiment else None
-    if experiment == command:
-        campaign = load_campaign(packaged_campaigns()[command])
-        default = campaign.grid.get(key, campaign.parameters.get(key, default))
-    texts = [leaf.range] if name in NUMBERS else []
-    if default is not None:
-        texts.append("default " + ",".join(map(str, default if isinstance(default, list) else [default])))
-    sentence = re.split(r"[.;] |\.$", leaf.help)[0]
-    return sentence + f" ({'; '.join(texts)})" * bool(texts) + "."
+
+@cache
+def _parameter_help() -> Any:
+    return json.loads(HELP.read_text(encoding="utf-8"))
 
 
 def offer_experiments(incomplete: str) -> list[str]:

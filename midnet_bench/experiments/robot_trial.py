@@ -13,7 +13,11 @@ from midnet_bench.simulation.world_settings import SimulationSettings
 
 
 class RobotTrial:
-    """A world of its own with robots in motion. A context manager."""
+    """A world of its own with robots in motion. A context manager.
+
+    What a trial holds refers back to it by ``weakref.proxy`` alone, and explorers to their mates. So its
+    memory is free as soon as it is dropped: a cycle would keep its costmaps until a garbage collection.
+    """
 
     def __init__(
         self, layout: Layout, robots: Sequence[MobileRobot], settings: SimulationSettings, seed: int

@@ -12,6 +12,7 @@ second at 1.2 m/s.
 """
 
 import math
+from weakref import proxy
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class DynamicObstacle:
         self.name = name
         self.group = group
         self.free = free
-        self._crowd = crowd
+        self._crowd = proxy(crowd)
         self._number = number
         self._state = crowd.states[number]
 

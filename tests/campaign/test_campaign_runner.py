@@ -1,11 +1,13 @@
 import csv
+import gc
 import os
 import re
 import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+import weakref
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 
 import midnet_bench
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
+from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.runner import (
     CampaignOutcome,
     Interrupted,
@@ -22,7 +25,7 @@ from midnet_bench.campaign.runner import (
     run_campaign,
 )
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_store
-from midnet_bench.campaign.trial import Outcome
+from midnet_bench.campaign.trial import Outcome, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
@@ -332,13 +335,31 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
     assert not (tmp_path / "campaign.sqlite").exists()
 
 
+def test_what_a_trial_leaves_in_a_cycle_is_freed_before_the_next(tmp_path: Path) -> None:
+    class Costmap:
+        pass
+
+    left: list[weakref.ref[Costmap]] = []
+
+    def run_trials(specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:
+        costmap = Costmap()
+        costmap.itself = costmap  # type: ignore[attr-defined]
+        left.append(weakref.ref(costmap))
+        return [TrialResult({}, 0.0)]
+
+    gc.disable()
+    try:
+        attempt(run_trials, [TrialSpec("coins", {}, 1)], 10.0, tmp_path)
+    finally:
+        gc.enable()
+        gc.unfreeze()
+    assert [each() for each in left] == [None]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc to find the workers")
 def test_as_many_workers_are_started_as_there_is_work_for_and_no_room_above_is_loaded(tmp_path: Path) -> None:
-    """Two even for one job, since joblib runs a single job in this process, where a crash ends the campaign.
-
-    A program of its own, for this one's workers and modules stay.
-    """
+    """A program of its own, for this one's workers and modules stay."""
     program = (
         "import sys\n"
         "from pathlib import Path\n"
@@ -366,5 +387,5 @@ def test_as_many_workers_are_started_as_there_is_work_for_and_no_room_above_is_l
     )
     command = [sys.executable, "-c", program, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment())
-    assert (done.stdout.splitlines(), done.stderr) == (["2 2 2", "2", "2 2 2 2", "[]"], "")
+    assert (done.stdout.splitlines(), done.stderr) == (["1 1 1", "1", "2 2 2 2", "[]"], "")
     assert (tmp_path / "4" / "trial.csv").exists()

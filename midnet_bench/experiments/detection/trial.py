@@ -65,19 +65,19 @@ class DetectionTrial(GuardedArena):
         """Place the robots and give the intruders random goals, again and again."""
         super().__init__(parameters, seed, parameters.intruders, variants)
         self._test = parameters
-        self._free = self.goal_space()
         self._stationary = {
             f"stationary {number}": solid.bounding_box()
             for number, solid in enumerate(self.layout.stationary, 1)
         }
         self._newest_bodies: tuple[int, list[TruthObject]] = (-1, [])  # and the tick at which they were there
-        self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
         self.own = Scorer(self, parameters, self.detector)  # of these ``parameters``
         self.scorers = list(map(partial(Scorer, self), variants, self.variant_detectors))
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
+            free = self.goal_space()
+            rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
             for robot in self.intruders:
-                robot.next_goal = lambda one: self._free.draw(self._goal_rngs[one.index])
+                robot.next_goal = lambda robot: free.draw(rngs[robot.index])
 
     def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
         """The trial's frames, each scored against where things are at its own instant."""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
+from weakref import proxy
 
 import numpy as np
 import numpy.typing as npt
@@ -226,9 +227,10 @@ class GuardedArena(RobotTrial):
 
     def _on_scan(self, callback: ScanCallback) -> None:
         """Let ``callback`` have each scan of a guard, once the guard has it."""
+        lidars = self.lidars
 
         def scanned(robots: Sequence[MobileRobot], ranges_m: npt.NDArray[np.float64]) -> None:
-            true = self.lidars.newest
+            true = lidars.newest
             assert true is not None
             for row, robot in enumerate(robots):
                 if isinstance(robot, Guard):
@@ -271,7 +273,7 @@ class GuardedArena(RobotTrial):
         for node, test in zip(nodes, tests, strict=True):
             if test.oracle in OVERRIDING:
                 if id(node.scans) not in made:
-                    made[id(node.scans)] = GroundTruthOverride(node, test.oracle, self, self.seed)
+                    made[id(node.scans)] = GroundTruthOverride(node, test.oracle, proxy(self), self.seed)
                     self._on_scan(made[id(node.scans)].scanned)
                 self._override_of[node] = made[id(node.scans)]
         return [*made.values()]
@@ -292,6 +294,7 @@ class GuardedArena(RobotTrial):
         parameters = self.parameters
         pose_filter, timeout_s = parameters.pose_filter, parameters.goals.timeout_s
         scan_to_map = ScanToMap(self.prior_map) if parameters.localization == "ukf+map" else None
+        trial = proxy(self)
 
         def made(
             kind: type[Robot], name: str, start: Pose2D, settings: NavigatorSettings, source: GoalSource
@@ -303,7 +306,8 @@ class GuardedArena(RobotTrial):
 
         for name, start in _named("guard", self.layout.robots):
             start = self._believed_start(name, start)
-            guard = made(Guard, name, start, parameters.guard_navigator, self.next_patrol_point)
+            settings = parameters.guard_navigator
+            guard = made(Guard, name, start, settings, lambda robot: trial.next_patrol_point(robot))
             self.guards.append(guard)
         for name, start in _named("intruder", self.layout.intruders):
             settings = parameters.intruder_navigator

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from weakref import proxy
 
 import numpy as np
 
@@ -80,11 +81,12 @@ class LabyrinthTrial(GuardedArena):
         self.false_targets: set[int] = set()  # those of them whose first box was on no intruder
         self.false_pursuits = 0  # guards that pursued one of these, summed over the frames
         self.outcomes: dict[int, Outcome] = {}
+        trial = proxy(self)
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
             escape = self._escape_of(start, stream(seed, "escape", robot.name))
             self.outcomes[robot.index] = Outcome(start, escape)
-            robot.next_goal = self._next_goal_of_intruder
+            robot.next_goal = lambda robot: trial._next_goal_of_intruder(robot)
 
     @property
     def present(self) -> list[MobileRobot]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from weakref import proxy
 
 import numpy as np
 import numpy.typing as npt
@@ -97,7 +98,7 @@ class ExplorationTrial(RobotTrial):
         self._knows_starts = parameters.merge == "start_poses"
         if self._knows_starts:
             for explorer in self.explorers:
-                explorer.mates = [mate for mate in self.explorers if mate is not explorer]
+                explorer.mates = [proxy(mate) for mate in self.explorers if mate is not explorer]
         super().__init__(self.layout, self.explorers, parameters.simulation, seed)
         self._newest = self._plane.empty()
         self._is_finished = False
