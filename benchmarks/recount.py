@@ -60,7 +60,10 @@ def places(quote: Quote, text: str) -> list[Place]:
     words = _PLACE.split(quote.template)
     parts = [_WORDS if part == "s" else _NUMBER for part in words]
     parts[::2] = [r"\s+".join(map(re.escape, re.split(r"\s+", word))) for word in words[::2]]
-    found = list(re.finditer(r"(?<![\w.])" + "".join(parts) + r"(?!\w)", text))
+    # a row of a table is a whole line
+    begin = "^" if quote.template[0] == "|" else r"(?<![\w.])"
+    end = "$" if quote.template[-1] == "|" else r"(?!\w)"
+    found = list(re.finditer(begin + "".join(parts) + end, text, re.M))
     if len(found) != 1:
         raise ValueError(f"{quote.page}: stands there {len(found)} times: {quote.template}")
     if quote.folder and not (ROOT / "results/reference" / quote.folder).exists():
@@ -69,10 +72,14 @@ def places(quote: Quote, text: str) -> list[Place]:
         numbers = quote.numbers()
         if len(numbers) != len(words) // 2:
             raise ValueError(f"{quote.page}: {len(numbers)} numbers for: {quote.template}")
-        recomputed = [
-            format(number, form).replace("%", " %") for number, form in zip(numbers, words[1::2], strict=True)
-        ]
+        recomputed = [_formatted(number, form) for number, form in zip(numbers, words[1::2], strict=True)]
     return [Place(*found[0].span(i), found[0][i], new) for i, new in enumerate(recomputed, 1)]
+
+
+def _formatted(number: Any, form: str) -> str:
+    """With a space before the percent sign and, where the form has a comma, between thousands."""
+    text = format(number, form).replace("%", " %")
+    return text.replace(",", " ") if "," in form else text
 
 
 _CODE = re.compile(r"```.*?```|^    .*?$|`[^`\n]*`|\]\([^)]*\)|!\[[^\]]*\]|<!--.*?-->", re.S | re.M)
