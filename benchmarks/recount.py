@@ -1,12 +1,12 @@
 """The numbers that pages quote, computed again from the committed results.
 
-``python -m benchmarks.recount`` prints each quoted number that differs from the recomputed one and exits
-with 1 if any does, or if a page has a number of the kind that results have outside of every quote.
-``--all`` prints every number; ``--write`` puts the recomputed ones into the pages.
+``python -m benchmarks.recount`` prints each quoted number beside the recomputed one and exits with 1 if any
+differs, or if a page has a number of the kind that results have outside of every quote. ``--write`` puts the
+recomputed ones into the pages.
 
-``benchmarks/quotes.py`` has the quotes. A template is the text of a page with a format specification in the
-place of each number, and ``{:s}`` in that of words; any white space in it matches any white space on the
-page, line breaks too.
+``benchmarks/quotes.py`` has the quotes, ``benchmarks/allowed_numbers.py`` what needs none. A template is the
+text of a page with a format specification in the place of each number, and ``{:s}`` in that of words; any
+white space in it matches any white space on the page, line breaks too.
 """
 
 import argparse
@@ -39,6 +39,7 @@ class Place(NamedTuple):
     end: int
     quoted: str
     recomputed: str
+    row: tuple[int, int] | None = None  # of a table, where the number is in one
 
     @property
     def agrees(self) -> bool:
@@ -47,7 +48,7 @@ class Place(NamedTuple):
 
 
 _PLACE = re.compile(r"\{:?([^{}]*)\}")
-_NUMBER = rf"(\**[-+]?\d+(?:[ .]\d+)*(?:\s?%)?(?:\s+\[[^\]]*\])?\**|identical|{NOT_RUN})"
+_NUMBER = rf"(\**[-+]?\d+(?:[ .]\d+)*(?:\s?%)?(?:\s+\[[^\]]*\])?\**|identical|nan|{NOT_RUN})"
 _WORDS = r"((?:(?!\n\n)[^|.]){1,80})"  # within a sentence and a cell
 
 
@@ -73,7 +74,8 @@ def places(quote: Quote, text: str) -> list[Place]:
         if len(numbers) != len(words) // 2:
             raise ValueError(f"{quote.page}: {len(numbers)} numbers for: {quote.template}")
         recomputed = [_formatted(number, form) for number, form in zip(numbers, words[1::2], strict=True)]
-    return [Place(*found[0].span(i), found[0][i], new) for i, new in enumerate(recomputed, 1)]
+    row = found[0].span() if quote.template[0] == "|" else None
+    return [Place(*found[0].span(i), found[0][i], new, row) for i, new in enumerate(recomputed, 1)]
 
 
 def _formatted(number: Any, form: str) -> str:
@@ -99,7 +101,8 @@ _RESULT = re.compile(
 
 def loose_numbers(text: str, quoted: Sequence[Place], allowed: Sequence[str]) -> Iterator[str]:
     """Numbers of the kind that results have, outside of quotes, code and the phrases that are allowed."""
-    covered = [span.span() for span in _CODE.finditer(text)] + [(place.start, place.end) for place in quoted]
+    covered = [span.span() for span in _CODE.finditer(text)]
+    covered += [place.row or (place.start, place.end) for place in quoted]  # a row's head is in the quote
     for phrase in allowed:
         pattern = r"(?<![\w.])" + r"\s+".join(map(re.escape, phrase.split())) + r"(?!\w|\.\d)"
         spans = [found.span() for found in re.finditer(pattern, text)]
@@ -122,11 +125,11 @@ def recounted(text: str, quoted: Sequence[Place]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    from benchmarks.quotes import ALLOWED, QUOTES
+    from benchmarks.allowed_numbers import ALLOWED
+    from benchmarks.quotes import QUOTES
 
     parser = argparse.ArgumentParser(prog="python -m benchmarks.recount", description=__doc__)
     parser.add_argument("--write", action="store_true", help="put the recomputed numbers into the pages")
-    parser.add_argument("--all", action="store_true", help="print the numbers that agree too")
     options = parser.parse_args(arguments)
     faults = 0
     for page, allowed in ALLOWED.items():
@@ -139,9 +142,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(f"{page}: {error if isinstance(error, ValueError) else repr(error)}")
         for place in quoted:
             faults += not place.agrees and not options.write
-            if options.all or not place.agrees:
-                line = text.count("\n", 0, place.start) + 1
-                print(f"{page}:{line}: {place.quoted!r} recomputed {place.recomputed!r}")
+            line, sign = text.count("\n", 0, place.start) + 1, "=" if place.agrees else "!="
+            print(f"{page}:{line}: {place.quoted} {sign} {place.recomputed}")
         for loose in loose_numbers(text, quoted, allowed):
             faults += 1
             print(f"{page}: no quote has {loose}")

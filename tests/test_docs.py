@@ -104,6 +104,13 @@ def test_the_columns_of_the_trials_tables_are_those_declared() -> None:
     assert set(results.TABLES) <= set(results.BLOCK.findall(text))
 
 
+def test_the_sources_are_counted_from_the_declarations() -> None:
+    readings = script("make_readings")
+    text = readings.PAGE.read_text(encoding="utf-8")
+    assert text == readings.page(text), "run 'make api'"
+    assert readings.rows() in text
+
+
 @pytest.mark.slow
 def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:
     walk = script("make_walkthrough")
