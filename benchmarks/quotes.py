@@ -690,6 +690,11 @@ def scenes(fusion: str, remove: str, robots: int) -> list[Any]:
     return [*numbers, value(name, "reordered_share", trial=trial)]
 
 
+def scale_seeds() -> tuple[int, int]:
+    found = table("scale/scenes")["seed"]
+    return int(found.min()), int(found.max())
+
+
 CANDIDATES = ("the rule's pick", "nearest", "not among the candidates")
 COUNTED = ("P(1)", "R(1)", "F1(1)", "P(5)", "R(5)", "F1(5)", "rms of 12", "team_per_200")
 
@@ -865,6 +870,18 @@ QUOTES = [
         Quote(RESULTS, f"| `{name}` | `midnet-bench {command}` | {{}} to {{}}", lambda name=name: seeds(name))
         for name, command in COMMANDS.items()
     ),
+    Quote(
+        RESULTS,
+        "| `errors` | `midnet-bench run errors` (without its large tables `errors` and `recorded`) | {} to {}",
+        lambda: seeds("errors"),
+    ),
+    Quote(
+        RESULTS,
+        "| `rivals`, `rivals-office` | `midnet-bench run rivals`, `run rivals-office` | {} to {}, {} to {}",
+        lambda: [*seeds("rivals"), *seeds("rivals-office")],
+    ),
+    Quote(RESULTS, "| `standard` | `make leaderboard` | {} to {}", lambda: seeds("standard")),
+    Quote(RESULTS, "| `scale` | `python -m benchmarks.scale scenes.csv` | {} to {}", scale_seeds),
     Quote(
         RESULTS,
         "{} of the {} values of the detection test are choices of ours, {} more are options that are off",

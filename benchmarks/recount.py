@@ -143,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for place in quoted:
             faults += not place.agrees and not options.write
             line, sign = text.count("\n", 0, place.start) + 1, "=" if place.agrees else "!="
-            print(f"{page}:{line}: {place.quoted} {sign} {place.recomputed}")
+            print(f"{page}:{line}: {' '.join(place.quoted.split())} {sign} {place.recomputed}")
         for loose in loose_numbers(text, quoted, allowed):
             faults += 1
             print(f"{page}: no quote has {loose}")
