@@ -51,11 +51,12 @@ wheel: .venv/ready
 	$(BIN)/pytest tests/test_wheel.py
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
-# docs/api.md from the docstrings, the tables of docs/results.md from the columns' declarations, what commands'
-# help says of parameters from theirs
+# docs/api.md from the docstrings, the tables of docs/results.md from the columns' declarations, that of the sources in
+# midnet_bench/docs/readings.md from the options', what commands' help says of parameters from theirs
 api: .venv/ready
 	$(BIN)/python docs/make_api.py
 	$(BIN)/python docs/make_results.py
+	$(BIN)/python docs/make_readings.py
 	$(BIN)/python docs/make_help.py
 
 bench: .venv/ready

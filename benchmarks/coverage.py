@@ -1,7 +1,8 @@
 """How often a 95 % interval holds the truth, for samples shaped like our scores.
 
 Run it as ``python -m benchmarks.coverage [SAMPLES]`` (default 4000 samples a line). ``mean`` and ``share``
-are what the tables use; ``before`` is the percentile bootstrap of versions up to 0.1.0, by resampling.
+are what the tables use; ``before`` is the percentile bootstrap of versions up to 0.1.0, by resampling. What
+is printed is ``docs/studies/data/coverage.csv``, percent.
 """
 
 import math
@@ -72,13 +73,13 @@ def held(estimate: Estimate, truth: float) -> float:
     return float(estimate.low - 1e-12 <= truth <= estimate.high + 1e-12)
 
 
-def percent(marks: list[float]) -> str:
-    """The share of intervals that held the truth, of those that there are."""
+def percent(marks: list[float]) -> float:
+    """The share of intervals that held the truth, of those that there are; NaN where most have none."""
     defined = [mark for mark in marks if not math.isnan(mark)]
-    return f"{100 * sum(defined) / len(defined):.1f}" if len(defined) > len(marks) / 2 else "none"
+    return 100 * sum(defined) / len(defined) if len(defined) > len(marks) / 2 else math.nan
 
 
-def coverage(case: Case, n: int, samples: int) -> tuple[str, str]:
+def coverage(case: Case, n: int, samples: int) -> tuple[float, float]:
     """Percent for today's interval and for the earlier one."""
     _, draw, truth, is_share = case
     rng = np.random.default_rng((n, samples))
@@ -91,7 +92,7 @@ def coverage(case: Case, n: int, samples: int) -> tuple[str, str]:
     return percent(now), percent(before)
 
 
-def of_pairs(n: int, samples: int) -> tuple[str, str]:
+def of_pairs(n: int, samples: int) -> tuple[float, float]:
     """Percent for a paired difference of two precisions, and for a time per capture."""
     rng = np.random.default_rng((n, samples, 2))
     difference, ratio = [], []
@@ -105,25 +106,24 @@ def of_pairs(n: int, samples: int) -> tuple[str, str]:
     return percent(difference), percent(ratio)
 
 
-def of_rare(n: int, samples: int) -> str:
+def of_rare(n: int, samples: int) -> tuple[float, float]:
     """Percent for a difference that one pair in ten has, by 1; and of samples without any, so no interval."""
     rng = np.random.default_rng((n, samples, 3))
     marks = [held(mean(one.tolist()), 0.1) for one in rng.binomial(1, 0.1, (samples, n)) / 1]
-    none = sum(map(math.isnan, marks))
-    return f"{100 * sum(mark == 1.0 for mark in marks) / samples:.0f} ({100 * none / samples:.0f} none)"
+    return 100 * sum(mark == 1.0 for mark in marks) / samples, 100 * sum(map(math.isnan, marks)) / samples
 
 
 def main(samples: int) -> None:
-    print(f"percent of {samples} 95 % intervals that hold the truth (the earlier bootstrap: in brackets)")
-    print(f"{'sample':<42}" + "".join(f"{f'n = {n}':>15}" for n in SIZES))
-    for case in CASES:
-        cells = [coverage(case, n, samples) for n in SIZES]
-        print(f"{case[0]:<42}" + "".join(f"{f'{now} ({before})':>15}" for now, before in cells), flush=True)
-    pairs = [of_pairs(n, samples) for n in SIZES]
-    for row, name in enumerate(("a paired difference of precisions", "a time per capture, sum over sum")):
-        print(f"{name:<42}" + "".join(f"{cell[row]:>15}" for cell in pairs))
-    rare = [of_rare(n, samples) for n in SIZES]
-    print(f"{'a difference that one pair in ten has':<42}" + "".join(f"{cell:>15}" for cell in rare))
+    print("sample,n,samples,held,held_before,without_interval")
+    for n in SIZES:
+        for case in CASES:
+            now, before = coverage(case, n, samples)
+            print(f'"{case[0]}",{n},{samples},{now},{before},', flush=True)
+        difference, ratio = of_pairs(n, samples)
+        print(f"a paired difference of precisions,{n},{samples},{difference},,")
+        print(f'"a time per capture, sum over sum",{n},{samples},{ratio},,')
+        found, none = of_rare(n, samples)
+        print(f"a difference that one pair in ten has,{n},{samples},{found},,{none}")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ Run ``python -m benchmarks.recorded_log SCANS ODOMETRY RELATIONS [SEED ...]``: t
 takes it, the dense odometry (``stamp x y theta`` in driving order) and the relations (``stamp1 stamp2 x y z
 roll pitch yaw``; Kuemmerle et al., 2009). Seeds 1, 2 and 3 unless given. The log is mapped as it is, and with
 three slips of the wheels put into its odometry, 0.3 m and 0.25 rad each: places and directions are drawn
-by the seed, which is GMapping's too. The project holds no such data.
+by the seed, which is GMapping's too. What is printed is ``docs/studies/data/recorded-log.csv``: a row for
+each map, with the mean translational error over the relations. The project holds no such log.
 """
 
 import math
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.relations import Relation, read_dense_odometry, read_relations, relations_error
+from benchmarks.relations import read_dense_odometry, read_relations, relations_error
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import ScanLog, Trajectory, read_scan_log
 from midnet_bench.mapping.log_mapping import map_scans
@@ -49,29 +50,23 @@ def with_slip(log: ScanLog, dense: Trajectory, place: int, slip: Pose2D) -> tupl
     return replace(log, scans=[*log.scans[:place], *scans]), Trajectory(dense.stamps_s, poses)
 
 
-def measure(
-    log: ScanLog, dense: Trajectory, relations: list[Relation], particles: int | None, seed: int
-) -> str:
-    """Mean translational error over the relations, and the CPU seconds that it took."""
-    begin = time.process_time()
-    result = map_scans(log, particles, seed)
-    taken_s = time.process_time() - begin
-    return f"{relations_error(relations, result.trajectory, dense).mean_m:.3f} m in {taken_s:.0f} s CPU"
-
-
 def main(scans: str, odometry: str, relations: str, *seeds: str) -> None:
     as_it_is, dense = read_scan_log(Path(scans)), read_dense_odometry(Path(odometry))
     checked = read_relations(Path(relations))
-    methods = {"graph SLAM": None, f"GMapping, {RECORDED_LOG.particles} particles": RECORDED_LOG.particles}
-    print(f"{scans}, {len(as_it_is)} scans, {len(checked)} relations: mean translational error")
+    methods = {"graph SLAM": None, "GMapping": RECORDED_LOG.particles}
+    print("log,scans,relations,seed,slips,method,mean_error_m,cpu_s")
     for seed in map(int, seeds or ("1", "2", "3")):
         slipped = (as_it_is, dense)
         for place, slip in drawn_slips(len(as_it_is), seed):
             slipped = with_slip(*slipped, place, slip)
-        for what, (log, driven) in {"as it is": (as_it_is, dense), "slips": slipped}.items():
+        for slips, (log, driven) in {0: (as_it_is, dense), SLIPS: slipped}.items():
             for name, particles in methods.items():
-                found = measure(log, driven, checked, particles, seed)
-                print(f"  seed {seed}, {what}, {name}: {found}", flush=True)
+                begin = time.process_time()
+                trajectory = map_scans(log, particles, seed).trajectory
+                taken_s = time.process_time() - begin
+                error_m = relations_error(checked, trajectory, driven).mean_m
+                row = (Path(scans).name, len(log), len(checked), seed, slips, name, error_m, f"{taken_s:.1f}")
+                print(*row, sep=",", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """``python -m benchmarks.sequential_coverage``: how often the sequential test's interval holds the truth.
 
 Each line has a threshold, a true probability, the share of 2000 repetitions whose interval holds it, the
-share of wrong decisions, and the trials that they took in the mean. Reported in ``docs/statistics.md``.
+share of wrong decisions, and the trials that they took in the mean. What is printed is
+``docs/studies/data/sequential-coverage.csv``.
 """
 
 from functools import cache
@@ -33,13 +34,11 @@ def measure(threshold: float, truth: float, rng: np.random.Generator) -> tuple[f
 
 def main() -> None:
     """Print the table."""
-    rng, covered = np.random.default_rng(SEED), []
+    rng = np.random.default_rng(SEED)
+    print("threshold,truth,repetitions,held,wrong,trials")
     for threshold in THRESHOLDS:
         for truth in TRUTHS:
-            held, wrong, taken = measure(threshold, truth, rng)
-            covered.append(held)
-            print(f"{threshold:5.2f} {truth:5.2f}  holds {held:.3f}  wrong {wrong:.3f}  trials {taken:.0f}")
-    print(f"mean {np.mean(covered):.3f}, from {min(covered):.3f} to {max(covered):.3f}")
+            print(threshold, truth, REPETITIONS, *measure(threshold, truth, rng), sep=",", flush=True)
 
 
 if __name__ == "__main__":

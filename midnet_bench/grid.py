@@ -32,7 +32,7 @@ class OccupancyGrid:
 
     ``data[row, column]`` is what the holder says it is: published costs (int8, -1 unknown, 0 to 100)
     or a binary grid (uint8, 0 occupied, 255 free or unknown; Eq. 1). ``origin`` is the lower-left
-    *corner* of cell (0, 0), metres; there is no rotation (item 18).
+    *corner* of cell (0, 0), metres; there is no rotation: a file's is turned when it is read (item 18).
     """
 
     data: npt.NDArray[Any]

@@ -109,6 +109,13 @@ def test_the_help_of_parameters_is_made_from_their_declarations() -> None:
     assert HELP.read_text(encoding="utf-8") == script("make_help").page(), "run 'make api'"
 
 
+def test_the_sources_are_counted_from_the_declarations() -> None:
+    readings = script("make_readings")
+    text = readings.PAGE.read_text(encoding="utf-8")
+    assert text == readings.page(text), "run 'make api'"
+    assert readings.rows() in text
+
+
 @pytest.mark.slow
 def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:
     walk = script("make_walkthrough")

@@ -161,7 +161,7 @@ MIDNET_SOURCES = {
     "size_m": "turtlebot3: local_costmap_params.yaml, width",
     "obstacle_range_m": "paper: V.A, 2.5 metres",
     "raytrace_range_m": f"turtlebot3: {_COMMON}, raytrace_range",
-    "inf_is_valid": "ours: the files' false leaves 4.6 false boxes a frame, IV.A little or none",
+    "inf_is_valid": "ours: the files' false leaves false positives before open space, IV.A little or none",
 }
 """Sources of what MIDNet's local costmaps have instead of the defaults."""
 PERIOD_S = 0.1  # of control; turtlebot3, move_base_params.yaml, controller_frequency

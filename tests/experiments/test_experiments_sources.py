@@ -1,8 +1,6 @@
-"""Where each default is from: the declarations, TurtleBot3's files, and the page that counts them."""
+"""Where each default is from: the declarations, TurtleBot3's files, and the page that names them."""
 
-import functools
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
@@ -16,25 +14,9 @@ from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.navigation import dwa, navigator, trajectory_rollout
 from midnet_bench.navigation.navigation_settings import TRAJECTORY_ROLLOUT_LIMITS
 from midnet_bench.recording.setup import ReplaySettings
-from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
+from midnet_bench.settings import Settings, all_values
 
-PARTS: Mapping[str, tuple[type[Settings], ...]] = {
-    "all": (DetectionParameters, LabyrinthParameters, MappingParameters),
-    "detection": (DetectionParameters,),
-    "labyrinth": (LabyrinthParameters,),
-    "mapping": (MappingParameters,),
-}
-"""column of the page's table -> the parameters that it counts"""
-EVERY = (*PARTS["all"], ReplaySettings)
-ELSEWHERE = {
-    "costmap.resolution",  # resolution_m, which the prior map shares
-    "costmap.track_unknown",  # unknown_in_local
-    "gmapping.resolution_m",  # resolution_m
-    "navigator.global_costmap.resolution",  # resolution_m
-    "navigator.global_costmap.size_m",  # it has the map's size
-    "navigator.global_costmap.centered",
-}
-"""values that cannot be set where they stand: another option decides them, or nothing reads them"""
+EVERY = (DetectionParameters, LabyrinthParameters, MappingParameters, ReplaySettings)
 
 RELEASES: Mapping[str, Mapping[str, Mapping[str, float | str]]] = {
     "turtlebot3": {
@@ -142,12 +124,12 @@ def _changed_without_source(
 
 def test_values_that_name_a_file_of_turtlebot3_are_the_files() -> None:
     read: dict[str, set[tuple[str, str]]] = {release: set() for release in RELEASES}
-    for key, leaf in ((_named(leaf), leaf) for one in EVERY for leaf in all_values(one)):
+    for leaf in (leaf for one in EVERY for leaf in all_values(one)):
         release, _, place = leaf.source.partition(": ")
         if release in RELEASES:
             file, name = place.partition(";")[0].split(", ")
             value = RELEASES[release][file][name]
-            assert leaf.default == value or str(value).startswith(f"{leaf.default}_"), (key, value)
+            assert leaf.default == value or str(value).startswith(f"{leaf.default}_"), (leaf.path, value)
             read[release].add((file, name))
     for file, constants in CONSTANTS.items():
         assert constants == {name: RELEASES["turtlebot3"][file][name] for name in constants}
@@ -158,45 +140,11 @@ def test_values_that_name_a_file_of_turtlebot3_are_the_files() -> None:
     }
 
 
-@functools.cache
-def _defaults(part: str) -> Mapping[tuple[str, str, str], Leaf]:
-    """Each value once: (key, or path of one that cannot be set; value; source) -> its declaration."""
-    return {
-        (_named(leaf), str(leaf.default), leaf.source): leaf
-        for parameters in PARTS[part]
-        for leaf in all_values(parameters)
-        if _named(leaf) not in ELSEWHERE
-    }
-
-
-def _named(leaf: Leaf) -> str:
-    return leaf.key or ".".join(leaf.path)
-
-
-def _kind(source: str) -> str:
-    return "ours: off" if source.startswith("ours: off") else source.partition(": ")[0]
-
-
-def test_the_page_counts_the_sources_that_are_declared() -> None:
-    """The table that begins ``readings.md``; where it is out of date the message is the new one."""
-    counts = {part: Counter(_kind(source) for _, _, source in _defaults(part)) for part in PARTS}
-    rows = [
-        f"| `{kind}` | " + " | ".join(str(counts[part][kind]) for part in PARTS) + " |"
-        for kind in (*SOURCES, "ours: off")
-    ]
-    rows.append("| sum | " + " | ".join(str(counts[part].total()) for part in PARTS) + " |")
-    page = READINGS.read_text(encoding="utf-8")
-    beginnings = [re.sub(r"(\| `[^`]+`)[^|]*", r"\1 ", line) for line in page.splitlines()]
-    assert [row for row in rows if row not in beginnings] == [], "\n".join(
-        [f"the rows of {READINGS}, to be put there by hand:", *rows]
-    )
-
-
 def test_the_page_gives_each_option_the_source_that_is_declared() -> None:
     """A row's fourth column names the kind of each option in its fifth."""
     kinds: dict[str, set[str]] = {}
-    for key, _, source in _defaults("all"):
-        kinds.setdefault(key, set()).add(source.partition(":")[0])
+    for leaf in (leaf for parameters in EVERY[:3] for leaf in all_values(parameters)):
+        kinds.setdefault(leaf.key or "", set()).add(leaf.source.partition(":")[0])
     compared = 0
     for line in READINGS.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]

@@ -1,8 +1,10 @@
-"""The net under ``make smoke``: which numbers differ from the golden ones too much, here and elsewhere."""
+"""What ``make smoke`` runs, and which numbers differ from the golden ones too much, here and elsewhere."""
 
 import csv
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,17 @@ def run_with(golden: Path, table: str, column: str, value: object, row: int = 0)
         writer.writeheader()
         writer.writerows(rows)
     return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_the_trials_give_the_golden_numbers(name: str, tmp_path: Path) -> None:
+    """Whatever changes a rule of a trial changes a number here."""
+    pytest.importorskip("pybullet", reason="the golden numbers are PyBullet's")
+    for command in (["run", name, "--fresh", "-q", "-o", name], ["compare", "--exact", name]):
+        line = [sys.executable, "-m", "midnet_bench", *command]
+        done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_golden_numbers_agree_with_themselves_on_any_platform(golden: Path) -> None:
