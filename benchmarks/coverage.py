@@ -2,6 +2,7 @@
 
 Run it as ``python -m benchmarks.coverage [SAMPLES]`` (default 4000 samples a line). ``mean`` and ``share``
 are what the tables use; ``before`` is the percentile bootstrap of versions up to 0.1.0, by resampling.
+Further runs: how many prediction intervals hold one, and how many such runs lie below and above.
 """
 
 import math
@@ -11,7 +12,14 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.analysis.statistics import Estimate, mean, paired_difference, ratio_of_sums, share
+from midnet_bench.analysis.statistics import (
+    Estimate,
+    mean,
+    paired_difference,
+    prediction,
+    ratio_of_sums,
+    share,
+)
 
 Floats = npt.NDArray[np.float64]
 SIZES = (2, 3, 5, 10, 20, 50)
@@ -113,6 +121,29 @@ def of_rare(n: int, samples: int) -> str:
     return f"{100 * sum(mark == 1.0 for mark in marks) / samples:.0f} ({100 * none / samples:.0f} none)"
 
 
+RUNS: list[tuple[str, Callable[[np.random.Generator, tuple[int, int]], Floats]]] = [
+    ("a further run: normal", lambda rng, shape: rng.normal(0.9, 0.02, shape)),
+    ("beta(95, 5), a precision", lambda rng, shape: rng.beta(95.0, 5.0, shape)),
+    ("beta(20, 0.5), nearly all at 1", lambda rng, shape: rng.beta(20.0, 0.5, shape)),
+    ("a precision near 0.95, skewed", logit_normal),
+    ("clustered counts", lambda rng, shape: rng.poisson(rng.gamma(4.0, 22.0, shape)) / 1999),
+    ("lognormal", lambda rng, shape: rng.lognormal(0.0, 0.5, shape)),
+    ("exponential", lambda rng, shape: rng.exponential(1.0, shape)),
+]
+
+
+def of_a_further_run(draw: Callable[..., Floats], n: int, samples: int) -> str:
+    """Percent of prediction intervals that hold one further run, and that it lies below and above."""
+    inside, below, above = 0, 0, 0
+    for *ours, theirs in draw(np.random.default_rng((n, samples, 4)), (samples, n + 1)).tolist():
+        run = prediction(ours, theirs).run
+        below, above = below + (theirs < run.low), above + (theirs > run.high)
+        inside += run.low <= theirs <= run.high
+    if inside + below + above == 0:
+        return "none"
+    return " ".join(f"{100 * count / samples:.1f}" for count in (inside, below, above))
+
+
 def main(samples: int) -> None:
     print(f"percent of {samples} 95 % intervals that hold the truth (the earlier bootstrap: in brackets)")
     print(f"{'sample':<42}" + "".join(f"{f'n = {n}':>15}" for n in SIZES))
@@ -122,6 +153,9 @@ def main(samples: int) -> None:
     pairs = [of_pairs(n, samples) for n in SIZES]
     for row, name in enumerate(("a paired difference of precisions", "a time per capture, sum over sum")):
         print(f"{name:<42}" + "".join(f"{cell[row]:>15}" for cell in pairs))
+    for name, draw in RUNS:
+        runs = [of_a_further_run(draw, n, samples) for n in SIZES]
+        print(f"{name:<42}" + "".join(f"{cell:>15}" for cell in runs), flush=True)
     rare = [of_rare(n, samples) for n in SIZES]
     print(f"{'a difference that one pair in ten has':<42}" + "".join(f"{cell:>15}" for cell in rare))
 
