@@ -3,6 +3,7 @@
 Run it as ``python -m benchmarks.coverage [SAMPLES]`` (default 4000 samples a line). ``mean`` and ``share``
 are what the tables use; ``before`` is the percentile bootstrap of versions up to 0.1.0, by resampling. What
 is printed is ``docs/studies/data/coverage.csv``, percent.
+Further runs: how many prediction intervals hold one, and how many such runs lie below and above.
 """
 
 import math
@@ -12,7 +13,14 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.analysis.statistics import Estimate, mean, paired_difference, ratio_of_sums, share
+from midnet_bench.analysis.statistics import (
+    Estimate,
+    mean,
+    paired_difference,
+    prediction,
+    ratio_of_sums,
+    share,
+)
 
 Floats = npt.NDArray[np.float64]
 SIZES = (2, 3, 5, 10, 20, 50)
@@ -113,17 +121,42 @@ def of_rare(n: int, samples: int) -> tuple[float, float]:
     return 100 * sum(mark == 1.0 for mark in marks) / samples, 100 * sum(map(math.isnan, marks)) / samples
 
 
+RUNS: list[tuple[str, Callable[[np.random.Generator, tuple[int, int]], Floats]]] = [
+    ("a further run: normal", lambda rng, shape: rng.normal(0.9, 0.02, shape)),
+    ("beta(95, 5), a precision", lambda rng, shape: rng.beta(95.0, 5.0, shape)),
+    ("beta(20, 0.5), nearly all at 1", lambda rng, shape: rng.beta(20.0, 0.5, shape)),
+    ("a precision near 0.95, skewed", logit_normal),
+    ("clustered counts", lambda rng, shape: rng.poisson(rng.gamma(4.0, 22.0, shape)) / 1999),
+    ("lognormal", lambda rng, shape: rng.lognormal(0.0, 0.5, shape)),
+    ("exponential", lambda rng, shape: rng.exponential(1.0, shape)),
+]
+
+
+def of_a_further_run(draw: Callable[..., Floats], n: int, samples: int) -> tuple[float, float, float]:
+    """Percent of prediction intervals that hold one further run, and that it lies below and above."""
+    inside, below, above = 0, 0, 0
+    for *ours, theirs in draw(np.random.default_rng((n, samples, 4)), (samples, n + 1)).tolist():
+        run = prediction(ours, theirs).run
+        below, above = below + (theirs < run.low), above + (theirs > run.high)
+        inside += run.low <= theirs <= run.high
+    return 100 * inside / samples, 100 * below / samples, 100 * above / samples
+
+
 def main(samples: int) -> None:
-    print("sample,n,samples,held,held_before,without_interval")
+    print("sample,n,samples,held,held_before,without_interval,below,above")
     for n in SIZES:
         for case in CASES:
             now, before = coverage(case, n, samples)
-            print(f'"{case[0]}",{n},{samples},{now},{before},', flush=True)
+            print(f'"{case[0]}",{n},{samples},{now},{before},,,', flush=True)
         difference, ratio = of_pairs(n, samples)
-        print(f"a paired difference of precisions,{n},{samples},{difference},,")
-        print(f'"a time per capture, sum over sum",{n},{samples},{ratio},,')
+        print(f"a paired difference of precisions,{n},{samples},{difference},,,,")
+        print(f'"a time per capture, sum over sum",{n},{samples},{ratio},,,,')
         found, none = of_rare(n, samples)
-        print(f"a difference that one pair in ten has,{n},{samples},{found},,{none}")
+        print(f"a difference that one pair in ten has,{n},{samples},{found},,{none},,")
+        for name, draw in RUNS:
+            if n > 2:
+                held_run, below, above = of_a_further_run(draw, n, samples)
+                print(f'"{name}",{n},{samples},{held_run},,,{below},{above}', flush=True)
 
 
 if __name__ == "__main__":

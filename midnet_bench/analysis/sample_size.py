@@ -40,33 +40,37 @@ Spread = tuple[float, float]  # a variance, and the degrees of freedom that it s
 BATCH = 40  # trials between two looks
 
 
-def probability_to_detect(variance: float, difference: float, trials: int, groups: int) -> float:
-    """How probably a test at 5 % finds a true difference with so many trials in each group, at least 2."""
+def probability_to_detect(
+    variance: float, difference: float, trials: int, groups: int, alpha: float = ALPHA
+) -> float:
+    """How probably a test at ``alpha`` finds a true difference with so many trials a group, at least 2."""
     from scipy import stats  # takes a second to import, and tables are made without any power
 
     freedom = groups * (trials - 1)
     shift = abs(difference) * math.sqrt(trials / variance)
-    critical = stats.t.ppf(1.0 - ALPHA / 2.0, freedom)
+    critical = stats.t.ppf(1.0 - alpha / 2.0, freedom)
     # scipy gives NaN for tails that are next to nothing
     wrong_side = np.nan_to_num(stats.nct.cdf(-critical, freedom, shift))
     return float(np.nan_to_num(stats.nct.sf(critical, freedom, shift), nan=1.0) + wrong_side)
 
 
-def sample_size(variance: float, difference: float, power: float = POWER, groups: int = 1) -> float:
-    """How many trials show ``difference`` with probability ``power``.
+def sample_size(
+    variance: float, difference: float, power: float = POWER, groups: int = 1, alpha: float = ALPHA
+) -> float:
+    """How many trials show ``difference`` with probability ``power``, by a test at ``alpha``.
 
     NaN where the variance is; infinite above a thousand million.
     """
     if math.isnan(variance):
         return math.nan
     low, high = 1, 2
-    while probability_to_detect(variance, difference, high, groups) < power:
+    while probability_to_detect(variance, difference, high, groups, alpha) < power:
         low, high = high, 2 * high
         if high > MAX_TRIALS:
             return math.inf
     while high - low > 1:
         middle = (low + high) // 2
-        enough = probability_to_detect(variance, difference, middle, groups) >= power
+        enough = probability_to_detect(variance, difference, middle, groups, alpha) >= power
         low, high = (low, middle) if enough else (middle, high)
     return float(high)
 

@@ -241,9 +241,16 @@ def width() -> int:
     return shutil.get_terminal_size((PIPE_WIDTH, 24)).columns
 
 
-def filled(text: str, most: int) -> list[str]:
+def filled(text: str, most: int, indent: str = "") -> list[str]:
     """A sentence in lines of at most ``most`` characters; a longer word stays whole."""
-    return textwrap.wrap(shown(text), most, break_long_words=False, break_on_hyphens=False)
+    return textwrap.wrap(
+        shown(text),
+        most,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def print_json(document: Any) -> None:
@@ -271,10 +278,10 @@ def show(
         typer.echo(drawn(table, None if wide else width()) + "\n")
 
 
-def print_lines(sentences: Iterable[str]) -> None:
+def print_lines(sentences: Iterable[str], indent: str = "") -> None:
     """Print sentences, each from the beginning of a line; an empty one is an empty line."""
     for sentence in sentences:
-        typer.echo("\n".join(filled(sentence, width()) or [""]))
+        typer.echo("\n".join(filled(sentence, width(), indent) or [""]))
 
 
 def drawn(table: "Table", most: int | None) -> str:

@@ -11,7 +11,7 @@ from midnet_bench.cli.messages import print_lines, show
 from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
-    from midnet_bench.analysis.tables import Table
+    from midnet_bench.workflows.verify import Verified
 
 
 @command(example="midnet-bench compare results/one results/other -o results/comparison")
@@ -110,10 +110,13 @@ def verify(
 ) -> None:
     """Check each claim of the paper against your results.
 
-    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
+    Directions and causes hold, do not hold, or are inconclusive. A number of the paper's only run is within
+    or outside the range of our runs.
+
+    Exit code: 0 all hold or are within, 3 some are inconclusive, 4 some do not hold or are outside.
 
     Options:
-        everything --all: List the claims that are reproduced, too.
+        everything --all: List the claims that hold or are within, too.
         difference POINTS: Instead, say how many trials show a change of the labyrinth's success rate by so
             many percentage points.
         robots N,N: With --difference: the two team sizes (default 4,5).
@@ -131,24 +134,30 @@ def verify(
         return
     if robots is not None or probability is not None:
         raise InputError("verify: --robots and --power go with --difference; give it, such as --difference 5")
-    name, table, code = workflow.verify(directory)
+    found = workflow.verify(directory)
     if as_json or wide:
-        show(name, [table], as_json, wide)
+        show(found.experiment, [found.table], as_json, wide)
     else:
-        _show_claims(directory, table, everything)
-    raise typer.Exit(code)
+        _show_claims(directory, found, everything)
+    raise typer.Exit(found.code)
 
 
-def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
-    """The counts first, then what is not reproduced and what is open."""
-    from midnet_bench.analysis.compare import shown_claims
+def _show_claims(directory: Path, found: "Verified", everything: bool) -> None:
+    """The counts first, then each claim with its numbers; of too few seeds the counts alone."""
+    from midnet_bench.analysis.claims import UNSURPRISING, is_decided, lines_by_verdict
 
-    summary, tables = shown_claims(table, everything)
-    print_lines([summary, ""])
-    show(None, tables)
-    reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
-    if reproduced and not everything:
-        print_lines([f"reproduced: {messages.counted(reproduced, 'claim')}; --all lists them."])
+    print_lines([found.summary])
+    if not is_decided(found.table):
+        return
+    for verdict, claims in lines_by_verdict(found.table, everything).items():
+        print_lines(["", verdict])
+        for claim, words in claims:
+            print_lines([claim])
+            print_lines([words], indent="    ")
+    print_lines([""])
+    unlisted = sum(row["verdict"] in UNSURPRISING for row in found.table.rows)
+    if unlisted and not everything:
+        print_lines([f"holds, or is within: {messages.counted(unlisted, 'claim')}; --all lists them."])
     if (file := directory / "claims.csv").exists():
         print_lines([f"Each in {file}"])
 

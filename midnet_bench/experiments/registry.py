@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from midnet_bench.analysis.compare import Finding
+    from midnet_bench.analysis.claims import Finding
     from midnet_bench.analysis.frames import Results
     from midnet_bench.analysis.tables import Table
     from midnet_bench.campaign.definition import Definition

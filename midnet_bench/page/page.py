@@ -163,7 +163,8 @@ class Content:
     lead: str
     conclusion: str  # the result in words; empty if there are none
     headline: Sequence[Table]
-    claims: Table | None  # a row for each claim of the paper, with a column ``verdict``
+    verdicts: str  # how many claims of the paper have which verdict; empty if it states nothing of this
+    claims: Table | None  # a row for each of them, with a column ``verdict``; None if none is decided
     counterfactuals: Table | None
     tables: Sequence[Table]  # all others
     pictures: Sequence[Picture]
@@ -227,7 +228,6 @@ def _fixed(content: Content) -> dict[str, Any]:
         **vars(content),
         "headline": [known[id(table)] for table in content.headline],
         "claims": known.get(id(content.claims)),
-        "verdicts": content.claims and _verdicts(content.claims),
         "counterfactuals": known.get(id(content.counterfactuals)),
         "first_figure": figures[:1],
         "figures": figures[1:],
@@ -341,13 +341,6 @@ def _cell(column: str, value: object, text: str) -> dict[str, str]:
     if column == "verdict":
         kind += f" verdict {text.replace(' ', '-')}"
     return {"text": text, "interval": "", "kind": f"{kind} long" if len(text) > LONG_TEXT else kind}
-
-
-def _verdicts(claims: Table) -> str:
-    """How many claims have which verdict."""
-    verdicts = [str(row["verdict"]) for row in claims.rows]
-    counts = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
-    return f"Of {len(verdicts)} claims: {counts}."
 
 
 def _figure(picture: Picture, data: Mapping[str, Any]) -> dict[str, Any]:

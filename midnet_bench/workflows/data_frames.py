@@ -114,7 +114,7 @@ def verify(campaign: Folder) -> pd.DataFrame:
     Raises:
         InputError: the paper states nothing about it.
     """
-    return frame_of(claims.verify(_folder(campaign))[1])
+    return frame_of(claims.verify(_folder(campaign)).table)
 
 
 def error_causes(campaign: Folder, seed: int | None = None) -> dict[str, pd.DataFrame]:

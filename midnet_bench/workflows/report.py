@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from midnet_bench import __version__
-from midnet_bench.analysis.compare import verdict_table
+from midnet_bench.analysis.claims import is_decided, verdict_table
 from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results, results_of
 from midnet_bench.analysis.tables import Table, write_tables
 from midnet_bench.campaign.store import FILE_NAME, open_store
@@ -21,15 +21,15 @@ from midnet_bench.experiments.registry import (
     experiment_of,
     tables_of,
 )
-from midnet_bench.io.files import plain_name, shipped_folder, write_atomically
+from midnet_bench.io.files import plain_name, write_atomically
 from midnet_bench.workflows.compare import Comparison, sweep, sweeps
+from midnet_bench.workflows.verify import packaged_reference, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from midnet_bench.page.page import Picture
 
-REFERENCE = "results/reference"  # where a checkout has the results that the package reports
 FORMATS = ("png", "svg")  # of figures, unless others are given
 PAGE = "report.html"
 RECORDED = "recorded"  # the table of trials that were recorded
@@ -100,14 +100,20 @@ def _write_page(
     first, last = definition.base_seed, definition.base_seed + definition.trials - 1
     seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
     trials = f"{results.finished} finished trial{'s' * (results.finished != 1)}"
+    undecided = [claims] if claims and not is_decided(claims) else []  # a sentence says so, at the top
     content = Content(
         title=f"{record.name.capitalize()} test",
         lead=f"{record.summary} {trials}; {seeds}{grid}.",
         conclusion=" ".join(conclusion.conclusion) if conclusion else "",
         headline=[table for table in headline if table.name != COUNTERFACTUALS],
-        claims=claims,
+        verdicts=summarized(claims, record, results) if claims else "",
+        claims=None if claims in undecided else claims,
         counterfactuals=next((table for table in tables if table.name == COUNTERFACTUALS), None),
-        tables=[table for table in tables if table not in headline and table.name != COUNTERFACTUALS],
+        tables=[
+            table
+            for table in (*tables, *undecided)
+            if table not in headline and table.name != COUNTERFACTUALS
+        ],
         pictures=pictures,
         provenance=results.provenance,
         configuration=json.loads(definition.to_json()),
@@ -121,9 +127,7 @@ def _write_page(
 def _headline(record: Experiment, results: Results) -> Headline | None:
     if record.headline is None:
         return None
-    folder = shipped_folder(f"reference/{record.name}", f"{REFERENCE}/{record.name}")
-    is_there = (folder / CONFIGURATION).is_file() and folder.resolve() != results.directory.resolve()
-    return record.headline(results, load_results(folder, lambda *_: record.columns) if is_there else None)
+    return record.headline(results, packaged_reference(record, results))
 
 
 def plot(

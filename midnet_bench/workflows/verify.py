@@ -5,9 +5,10 @@ import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from midnet_bench.analysis.compare import Verdict, verdict_table, verdicts
-from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.claims import Verdict, is_decided, judged, summary, verdict_table
+from midnet_bench.analysis.frames import CONFIGURATION, Results, load_results
 from midnet_bench.analysis.sample_size import POWER
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.provenance import Provenance, collect
@@ -16,27 +17,60 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.io.files import installed, shipped_folder, write_atomically
 
-EXIT_CODES = {Verdict.REPRODUCED: 0, Verdict.INCONCLUSIVE: 3, Verdict.NOT_REPRODUCED: 4}
+EXIT_CODES = {Verdict.INCONCLUSIVE: 3, Verdict.OUTSIDE: 4, Verdict.DOES_NOT_HOLD: 4}  # of others 0
+REFERENCE = "results/reference"  # where a checkout has the results that the package reports
 TABLES = {"smoke-detection": ("scores", "robots"), "smoke-labyrinth": ("trial", "intruders", "robots")}
 """packaged campaign -> its tables that have committed numbers"""
 PLATFORM = "platform.json"
 SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
 
 
-def verify(directory: str | Path) -> tuple[str, Table, int]:
-    """The experiment, each of the paper's claims that the campaign in ``directory`` bears on, an exit code.
+class Verified(NamedTuple):
+    """What the paper states, judged by a campaign."""
 
-    The code is 0 if all were reproduced, 4 if one was not, 3 if none failed but some are inconclusive.
+    experiment: str
+    table: Table  # a row for each claim that the campaign bears on
+    code: int
+    """0 if all hold or lie within the range of our runs, 4 if one does not, else 3: some are inconclusive"""
+    summary: str  # how many claims have which verdict; of too few seeds, what the packaged reference has
+
+
+def verify(directory: str | Path) -> Verified:
+    """Each of the paper's claims that the campaign in ``directory`` bears on, judged.
 
     Raises:
         InputError: a campaign that the paper states nothing about, or without the trials it takes.
     """
     results = load_results(directory, registry.tables_of)
-    found = registry.experiment_of(results).claims(results)
+    record = registry.experiment_of(results)
+    found = record.claims(results)
     if not found:
         raise InputError(f"{directory}: nothing here that the paper states a result for")
-    worst = max(verdicts(found), key=EXIT_CODES.__getitem__)
-    return results.definition.experiment, verdict_table(found), EXIT_CODES[worst]
+    table, code = verdict_table(found), max(EXIT_CODES.get(each.verdict, 0) for each in judged(found))
+    return Verified(results.definition.experiment, table, code, summarized(table, record, results))
+
+
+def summarized(table: Table, record: registry.Experiment, results: Results) -> str:
+    """How many claims of a campaign have which verdict; of too few seeds, what the packaged reference has."""
+    if is_decided(table):
+        return summary(table)
+    trials = results.definition.trials
+    few = {1: "One seed decides", 2: "Two seeds decide"}.get(trials, "These trials decide")
+    sentence = f"{few} nothing of the paper's {len(table.rows)} claims; --seeds 20 may."
+    reference = packaged_reference(record, results)
+    if reference is None:
+        return sentence
+    first = reference.definition.base_seed
+    last = first + reference.definition.trials - 1
+    known = summary(verdict_table(record.claims(reference)))
+    return f"{sentence} The packaged reference, seeds {first} to {last}: {known[0].lower()}{known[1:]}"
+
+
+def packaged_reference(record: registry.Experiment, results: Results) -> Results | None:
+    """The results of the same experiment that the package reports; None if these are they."""
+    folder = shipped_folder(f"reference/{record.name}", f"{REFERENCE}/{record.name}")
+    is_there = (folder / CONFIGURATION).is_file() and folder.resolve() != results.directory.resolve()
+    return load_results(folder, lambda *_: record.columns) if is_there else None
 
 
 def power_report(

@@ -20,8 +20,10 @@ from midnet_bench.analysis.statistics import (
     outlier,
     p_value,
     paired_difference,
+    prediction,
     ratio_of_sums,
     share,
+    standard_deviation,
 )
 
 FINITE = st.integers(-(10**9), 10**9).map(lambda thousandths: thousandths / 1000)
@@ -286,3 +288,68 @@ def test_few_seeds_and_numbers_that_are_not_defined() -> None:
     assert (two.least, two.most) == (0.0, pytest.approx(math.sqrt(12.5)))
     nothing = distance(np.full((5, 2), nan)).value
     assert all(math.isnan(number) for number in nothing[:3])
+
+
+@given(
+    st.lists(FINITE, min_size=3, max_size=30).filter(lambda values: max(values) - min(values) > 0.01), FINITE
+)
+def test_a_further_runs_interval_and_p_are_students(values: list[float], number: float) -> None:
+    """By scipy: two-sample t test of one run against the others, whose pooled variance is theirs."""
+    run, p = prediction(values, number)
+    n = len(values)
+    scale = float(np.std(values, ddof=1)) * math.sqrt(1 + 1 / n)
+    low, high = scipy.stats.t.interval(0.95, n - 1, np.mean(values), scale)
+    assert (run.low, run.high, run.n) == (
+        pytest.approx(low, rel=1e-9, abs=1e-6),
+        pytest.approx(high, rel=1e-9, abs=1e-6),
+        n,
+    )
+    t = abs(number - np.mean(values)) / scale
+    assert p == pytest.approx(2 * scipy.stats.t.sf(t, n - 1), rel=1e-6, abs=1e-12)
+
+
+def test_a_further_run_of_five_by_hand() -> None:
+    """1 to 5: mean 3, s**2 2.5, so 3 +- 2.776 * sqrt(2.5 * 1.2); a range cuts it short and not its p."""
+    run, p = prediction([1.0, 2.0, 3.0, 4.0, 5.0], 3.0 + 2.7764451 * math.sqrt(3.0), within=(0.0, 6.0))
+    assert run == (3.0, 0.0, 6.0, 5)
+    assert p == pytest.approx(0.05, abs=1e-6)
+    run, _ = prediction([1.0, 2.0, 3.0, 4.0, 5.0], 3.0)
+    assert (run.low, run.high) == pytest.approx((3.0 - 4.8090, 3.0 + 4.8090), abs=1e-3)
+
+
+def test_few_or_equal_runs_say_nothing_of_a_further_one() -> None:
+    for values in ([], [0.5], [0.5, 0.6], [0.3, 0.3, 0.3], [0.1 + 0.2, 0.3, 0.3]):
+        run, p = prediction(values, 0.5)
+        assert run.n == len(values)
+        assert math.isnan(run.low)
+        assert math.isnan(run.high)
+        assert math.isnan(p)
+    assert prediction([0.5, math.nan, 0.6, 0.7], 0.6).run.n == 3, "a ratio that is undefined in its trial"
+
+
+@pytest.mark.parametrize(
+    ("draw", "least", "most"),
+    [
+        (lambda rng, shape: rng.normal(0.9, 0.02, shape), 0.935, 0.965),
+        (lambda rng, shape: rng.beta(95.0, 5.0, shape), 0.935, 0.965),  # a precision
+        (lambda rng, shape: rng.exponential(1.0, shape), 0.925, 0.955),  # strongly skewed
+    ],
+)
+def test_a_prediction_interval_holds_a_further_run_as_often_as_it_says(
+    draw: Callable[[np.random.Generator, tuple[int, int]], np.ndarray], least: float, most: float
+) -> None:
+    runs = draw(np.random.default_rng(2), (2000, 21)).tolist()
+    held = 0
+    for *ours, theirs in runs:
+        run = prediction(ours, theirs).run
+        held += run.low <= theirs <= run.high
+    assert least < held / len(runs) < most
+
+
+def test_a_trials_standard_deviation_is_read_from_any_interval() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(5.0, 2.0, 40).tolist()
+    assert standard_deviation(partial(mean, values)) == pytest.approx(np.std(values, ddof=1), rel=0.01)
+    assert math.isnan(standard_deviation(partial(mean, [1.0, 2.0])))
+    hits, tries = rng.binomial(10, 0.3, 400).tolist(), [10] * 400
+    assert standard_deviation(partial(ratio_of_sums, hits, tries)) == pytest.approx(math.sqrt(0.021), rel=0.1)

@@ -1,9 +1,11 @@
 """Tables on terminals of 60, 80 and 120 columns and in a pipe: nothing is cut, whatever the table."""
 
 import contextlib
+import json
 import math
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +17,7 @@ from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table, rounded, signed
 from midnet_bench.cli.messages import MOST_COLUMNS, drawn
 from midnet_bench.experiments.detection.conclusions import headline
-from midnet_bench.workflows.report import REFERENCE
+from midnet_bench.workflows.verify import REFERENCE
 from tests.cli.command import REPOSITORY, midnet_bench, unpainted, worked
 from tests.stores import detection_store, labyrinth_store
 
@@ -125,14 +127,34 @@ def test_a_real_terminal_s_width_is_taken(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_verify_says_the_counts_first_and_lists_what_is_reproduced_when_asked(folder: Path) -> None:
+def test_verify_says_the_counts_first_and_lists_what_holds_when_asked(folder: Path) -> None:
     done, everything = (
         midnet_bench("verify", "detection", *more, folder=folder) for more in ((), ("--all",))
     )
-    assert " ".join(done.stdout.split("\n\n")[0].split()).endswith("(3 seeds, Holm)")
-    assert "\nreproduced\n" not in done.stdout
-    assert ("\nreproduced\n" in everything.stdout) == ("reproduced: " in done.stdout)
+    assert " ".join(done.stdout.split("\n\n")[0].split()).endswith("(3 seeds).")
+    assert "\nholds\n" not in done.stdout
+    assert "\nholds\n" in everything.stdout
+    assert "recall rises from 1 robot to 5" not in done.stdout
+    assert "recall rises from 1 robot to 5" in everything.stdout
     assert everything.returncode == done.returncode
+
+
+@pytest.mark.slow
+def test_of_one_seed_verify_says_a_sentence_and_what_the_reference_found(tmp_path: Path) -> None:
+    detection_store(tmp_path / "one", {robots: {7: by_seed[1]} for robots, by_seed in SCORES.items()})
+    done = midnet_bench("verify", "one", folder=tmp_path)
+    told = " ".join(done.stdout.split())
+    assert told.startswith(
+        "One seed decides nothing of the paper's 17 claims; --seeds 20 may. The packaged reference, "
+    )
+    assert re.search(r"reference, seeds \d+ to \d+: of 17 claims \d+ are within the range of our runs", told)
+    assert len(done.stdout.splitlines()) < 6
+    assert done.returncode == 3
+    rows = json.loads(midnet_bench("verify", "one", "--json", folder=tmp_path).stdout)["tables"]["claims"]
+    assert {row["reason"].split(".")[0] for row in rows if "holds" not in row["reason"]} <= {
+        "Fewer than 3 seeds give no interval",
+        "Not defined in these trials: there is nothing to divide by",
+    }
 
 
 def test_compare_names_what_differs_and_wide_has_every_column(folder: Path) -> None:

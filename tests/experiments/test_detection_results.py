@@ -1,15 +1,18 @@
 """The tables of a detection campaign whose trials were written down."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.experiments.detection.conclusions import claims
+from midnet_bench.experiments.detection.conclusions import claims, headline
 from midnet_bench.experiments.detection.tables import PAPER, Team, tables, window_notes
 from tests.stores import detection_store
 
@@ -145,11 +148,74 @@ def test_each_costmap_of_a_sweep_that_is_too_small_is_told() -> None:
 
 def test_the_comparison_and_the_seeds_are_plain_numbers(made: dict[str, Table]) -> None:
     row = made["detection_comparison"].flat_rows()[1]
-    assert list(row) == ["trial", "score", "ours", "low", "high", "seeds", "paper", "difference"]
+    assert list(row) == [
+        "trial",
+        "score",
+        "ours",
+        "low",
+        "high",
+        "seeds",
+        "paper",
+        "difference",
+        "run_low",
+        "run_high",
+        "p_value",
+    ]
     assert (row["score"], row["paper"], row["difference"]) == ("recall", 0.787, pytest.approx(0.6 - 0.787))
     by_seed = made["scores_by_seed"].flat_rows()
     trials = [(team, seed) for team in ("1-robot", "2-robot") for seed in (3, 4)]
     assert [(one["trial"], one["seed"]) for one in by_seed] == trials
+
+
+def test_the_comparison_has_all_twelve_numbers_and_the_papers_run_among_ours(tmp_path: Path) -> None:
+    """By scipy's t test of one run against ours; three trials of the counts that the store has."""
+    scores = {1: {seed: (0.9 + 0.01 * seed, 0.7, 0.8) for seed in (1, 2, 4)}}
+    counts: Callable[[int, int], Row] = lambda robots, seed: {"frames": 10, "fp": seed}  # noqa: E731
+    made = {
+        table.name: table for table in tables(load_results(detection_store(tmp_path, scores, counted=counts)))
+    }
+    rows = {row["score"]: row for row in made["detection_comparison"].flat_rows()}
+    assert list(rows) == ["precision", "recall", "f1", "tp_per_frame", "fp_per_frame", "fn_per_frame"]
+    false = rows["fp_per_frame"]
+    assert false["paper"] == pytest.approx(176 / 1999)
+    low, high = stats.t.interval(0.95, 2, 7 / 30, np.std([0.1, 0.2, 0.4], ddof=1) * math.sqrt(4 / 3))
+    assert (false["run_low"], false["run_high"]) == (0.0, pytest.approx(high)), "no count is below 0"
+    assert low < 0.0
+    precision = rows["precision"]
+    expected = stats.ttest_ind([0.91, 0.92, 0.94], [0.975]).pvalue
+    assert precision["p_value"] == pytest.approx(expected)
+    assert rows["recall"]["p_value"] != rows["recall"]["p_value"], "three equal numbers show no spread"
+
+
+@pytest.mark.parametrize(
+    ("precision", "told"),
+    [
+        (
+            0.97,
+            "6 of 6 numbers of the paper's table are within the range of our runs (95 % prediction "
+            "intervals).",
+        ),
+        (0.5, "; outside: precision of 1 robot."),
+    ],
+)
+def test_the_headline_says_whether_the_papers_table_is_among_our_runs(
+    tmp_path: Path, precision: float, told: str
+) -> None:
+    def counted(robots: int, seed: int) -> Row:
+        off = seed - 3
+        return {"frames": 1999, "tp": 6967 + 40 * off, "fp": 176 + 10 * off, "fn": 1889 + 50 * off}
+
+    scores = {
+        1: {
+            seed: (precision + 0.003 * (seed - 3), 0.785 + 0.01 * (seed - 3), 0.87 + 0.01 * (seed - 3))
+            for seed in range(1, 6)
+        }
+    }
+    results = load_results(detection_store(tmp_path, scores, counted=counted))
+    assert headline(results).conclusion[-1].endswith(told)
+    few = {1: {seed: scores[1][seed] for seed in (1, 2)}}
+    alone = load_results(detection_store(tmp_path / "few", few, counted=counted))
+    assert not any("prediction" in sentence for sentence in headline(alone).conclusion)
 
 
 def test_in_another_arena_the_papers_rows_and_claims_are_left_out(tmp_path: Path) -> None:

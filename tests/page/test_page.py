@@ -129,6 +129,7 @@ def content(**changed: object) -> Content:
         "lead": "l",
         "conclusion": "c",
         "headline": [table],
+        "verdicts": "",
         "claims": None,
         "counterfactuals": None,
     }
@@ -196,7 +197,7 @@ def test_a_page_without_recorded_trials_has_figures_with_their_numbers(tmp_path:
     assert "Caught of all intruders: 1 robot " in page.texts["results"]
     assert page.texts["results"].index("success_rate") < page.texts["results"].index("wall")
     statements = (tmp_path / "claims.csv").read_text().splitlines()[1:]
-    assert f"Of {len(statements)} claims: " in page.texts["verdicts"]
+    assert f"Of {len(statements)} claims " in page.texts["verdicts"]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from midnet_bench.analysis.compare import finding
+from midnet_bench.analysis.claims import finding
 from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.statistics import mean
 from midnet_bench.analysis.tables import Table
@@ -108,7 +108,7 @@ def test_an_experiment_in_its_own_file_runs_reports_plots_and_verifies(project: 
     drawn = worked("report", results, "-o", project / "figures", folder=project)
     assert len(drawn.stdout.split()) == 2
     verified = worked("verify", results, "--json", folder=project)
-    assert {row["verdict"] for row in json.loads(verified.stdout)["tables"]["claims"]} == {"reproduced"}
+    assert {row["verdict"] for row in json.loads(verified.stdout)["tables"]["claims"]} == {"holds"}
 
     # the files alone do as well: in a clone that has no store
     (results / "campaign.sqlite").unlink()

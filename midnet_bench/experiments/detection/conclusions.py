@@ -1,20 +1,19 @@
 """What a detection campaign says in words: its headline, and the paper's claims, each judged."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import pandas as pd
 
-from midnet_bench.analysis.compare import Claim, Finding, comparison, findings
+from midnet_bench.analysis.claims import Finding, Verdict, comparison, finding, single_run
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
-from midnet_bench.analysis.tables import Cell, Table, team_in_words
+from midnet_bench.analysis.statistics import MIN_TRIALS, NOT_NEGATIVE, Estimate, Interval, ratio_of_sums
+from midnet_bench.analysis.tables import Cell, Table, in_words, team_in_words
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key
 from midnet_bench.experiments.detection.tables import (
-    COUNTS,
     HEADS,
     PAPER,
     PAPER_FRAMES,
@@ -32,33 +31,14 @@ from midnet_bench.experiments.registry import Headline
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
 MOST_IN_WORDS = 4  # teams that a sentence names one by one
-TOLERANCE = 0.05  # how near a mean counts as the paper's
-COUNT_TOLERANCE = 0.10  # how near a count per frame does, as a share of the paper's
 MINOR = 0.10  # the most that a cause "not expected to be significant" may have of the errors
 NEVER = 0.01  # the share of frames below which something counts as not happening
-RISES = {  # column of the scores -> whether it rises from one robot to five, in the paper's words or table
-    "recall": True,
-    "precision": False,
-    "f1": True,
-    "fp": True,
-    "fn": False,
-    "fn_hidden": False,
-    "fn_hidden_in_window": False,
-}
+TABLE = ("tp_per_frame", "precision", "recall")  # tp, fp, fn and F1 follow from these
+RISES = {"recall": True, "precision": False, "f1": True}
+"""score -> whether it rises from one robot to five, in the paper's words"""
 TEAMS = dict(zip(PAPER, ("1 robot", "5 robots"), strict=True))
 ONE, FIVE = PAPER
-CALLED = {  # column of the scores -> its words
-    "f1": "F1",
-    "tp": "true positives",
-    "fp": "false positives",
-    "fn": "misses",
-    "fn_hidden": "misses of hidden intruders",
-    "fn_hidden_in_window": "misses of hidden intruders inside the local costmaps",
-}
-MISSES = {  # which misses are judged -> columns: how many, how many of them hidden, how many new
-    "": ("fn", "fn_hidden", "fn_new"),
-    " inside the local costmaps": ("fn_in_window", "fn_hidden_in_window", "fn_new_in_window"),
-}
+CALLED = {"f1": "F1"}
 
 
 def headline(results: Results, reference: Results | None = None) -> Headline:
@@ -87,7 +67,7 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
         if seeds == 1
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
-    conclusion = [*_verdicts(results, cells), *_misses(results, cells)]
+    conclusion = [*_finds(results, cells), *_misses(results, cells), *_among_runs(cells)]
     return Headline(
         [_scores(title, cells, known), *(metric_tables(results) if METRICS in results.tables else ())],
         conclusion,
@@ -166,7 +146,7 @@ def _in_words(number: int) -> str:
     return NUMBERS[number] if number < len(NUMBERS) else str(number)
 
 
-def _verdicts(results: Results, cells: Cells) -> list[str]:
+def _finds(results: Results, cells: Cells) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
@@ -187,6 +167,23 @@ def _verdicts(results: Results, cells: Cells) -> list[str]:
         parts.append(f"{_in_words(team.robots)}{noun} {verb} {_percent(recall)}{within}{beside}")
     text = ", ".join(parts)
     return [f"{text[0].upper()}{text[1:]}."] if text else []
+
+
+def _among_runs(cells: Cells) -> list[str]:
+    """How many numbers of the paper's table, which is of one run for each team, lie among our runs."""
+    found = [
+        single_run(f"{name} of {TEAMS[team]}", *number)
+        for team, cell in cells.items()
+        if cell.paper is not None and len(cell) >= MIN_TRIALS
+        for name, number in cell.numbers().items()
+    ]
+    known = [each for each in found if each.verdict is not Verdict.INCONCLUSIVE]
+    if not known:
+        return []
+    outside = [in_words(each.claim) for each in known if each.verdict is Verdict.OUTSIDE]
+    count = f"{len(known) - len(outside)} of {len(known)} numbers of the paper's table"
+    told = f"; outside: {', '.join(outside)}" if outside else ""
+    return [f"{count} are within the range of our runs (95 % prediction intervals){told}."]
 
 
 def _misses(results: Results, cells: Cells) -> list[str]:
@@ -213,88 +210,95 @@ def _percent(share: float) -> str:
 def claims(results: Results) -> list[Finding]:
     """The paper's table, which team is ahead in it, the causes that it names, its words on the fused list.
 
-    Causes of misses are judged twice: over all misses, and over those of intruders that a local costmap
-    reaches, since the paper does not say how large its local costmap is. Nothing is judged of a campaign in
-    another arena than the paper's.
+    Each sentence of the paper is judged once. Its table is of one run for each team: six of its twelve
+    numbers, from which the others follow. Nothing is judged of a campaign in another arena than the paper's.
     """
     if not paper_of(results.definition):
         return []
-    cells = {
-        team: cell.rows.assign(fn_in_window=cell.rows["fn"] - cell.rows["fn_outside_window"])
-        for team, cell in cells_of(results).items()
-    }
-    tables, found, causes = list[Claim](), list[Finding](), list[Claim]()
+    return [*_claims(cells_of(results))]
+
+
+def _claims(cells: Cells) -> Iterator[Finding]:
     for team in PAPER:
         if team in cells:
-            tables += _table(TEAMS[team], PAPER[team], cells[team])
-            tables += _delay(TEAMS[team], cells[team])
+            yield from _table(TEAMS[team], cells[team])
     if PAPER.keys() <= cells.keys():
-        found = [_change(cells[ONE], cells[FIVE], column, rises) for column, rises in RISES.items()]
+        yield from (_change(cells, column, rises) for column, rises in RISES.items())
+    for team in PAPER:
+        if team in cells:
+            yield from _delay(TEAMS[team], cells[team].rows)
     if ONE in cells:
-        for which, (misses, hidden, _) in MISSES.items():
-            claim = f"1 robot: most misses{which} are hidden intruders"
-            causes.append(Claim(claim, _share(cells[ONE], hidden, misses), 0.5, math.inf))
+        rows = cells[ONE].rows
+        share = _share(rows["fn_hidden"], rows["fn"])
+        yield finding("1 robot: most misses are hidden intruders", share, 0.5, math.inf, note=_inside(rows))
+    if PAPER.keys() <= cells.keys():
+        first, second = (_per_frame(cells[team], "fn_hidden") for team in PAPER)
+        claim = "a frame has fewer misses of hidden intruders with 5 robots than with 1"
+        one, five = (_per_frame(cells[team], "fn_hidden_in_window") for team in PAPER)
+        inside = comparison("", one, five, rises=False, within=NOT_NEGATIVE).ours
+        note = f"Of intruders inside the local costmaps: {_number(inside)} a frame."
+        yield comparison(claim, first, second, rises=False, within=NOT_NEGATIVE, note=note)
     if FIVE in cells:  # section IV.C.2 on the result of Algorithms 3 and 4 (item 35)
-        most = f"in at most {100 * NEVER:.0f} % of the frames"
-        for claim, part, whole in (
-            ("fused boxes overlap", "overlapping", "frames"),
-            ("the order of the robots changes the boxes", "reordered", "looked_at"),
+        rows = cells[FIVE].rows
+        ours = f"The paper says never; up to {_percent(NEVER)} of the frames is our reading of that."
+        overlap, order = "no fused boxes overlap", "the order of the robots does not change the boxes"
+        for claim, share in (
+            (overlap, _share(rows["overlapping"], rows["frames"])),
+            (order, _share(rows["reordered"], rows["looked_at"])),
         ):
-            share = _share(cells[FIVE], part, whole)
-            causes.append(Claim(f"5 robots: {claim} {most}", share, -math.inf, NEVER))
-    return [*findings(tables), *found, *findings(causes)]
+            yield finding(f"5 robots: {claim}", share, -math.inf, NEVER, note=ours)
 
 
-def _table(team: str, paper: Mapping[str, float], rows: pd.DataFrame) -> list[Claim]:
-    """The three ratios of one team, and its three counts per frame (item 41)."""
-    found = []
-    for score in SCORES:
-        value = paper[score]
-        claim = f"{team}: {CALLED.get(score, score)} is {value:.3f}, within {TOLERANCE}"
-        # no score is above 1: what would lie there accepts all that is high enough
-        below = value + TOLERANCE if value + TOLERANCE <= 1.0 else math.inf
-        ours = partial(mean, rows[score].tolist(), within=(0.0, 1.0))
-        found.append(Claim(claim, ours, value - TOLERANCE, below))
-    for count in COUNTS:
-        value = paper[count] / PAPER_FRAMES
-        claim = f"{team}: a frame has {value:.3f} {CALLED[count]}, within {100 * COUNT_TOLERANCE:.0f} %"
-        ours = partial(mean, (rows[count] / rows["frames"]).tolist(), within=(0.0, math.inf))
-        found.append(Claim(claim, ours, (1.0 - COUNT_TOLERANCE) * value, (1.0 + COUNT_TOLERANCE) * value))
-    return found
-
-
-def _delay(team: str, cell: pd.DataFrame) -> list[Claim]:
-    """What "is not expected to be significant": misses just come near, false boxes where one just was."""
-    shares = {"false positives": ("fp_left", "fp")}
-    shares |= {f"misses{which}": (new, misses) for which, (misses, _, new) in MISSES.items()}
-    return [
-        Claim(
-            f"{team}: at most {100 * MINOR:.0f} % of the {errors} are due to scan delay",
-            _share(cell, part, whole),
-            -math.inf,
-            MINOR,
-        )
-        for errors, (part, whole) in shares.items()
-    ]
-
-
-def _change(one: pd.DataFrame, five: pd.DataFrame, column: str, rises: bool) -> Finding:
-    """Seed by seed; counts are per frame."""
-    is_count = column not in SCORES
-    first, second = (
-        Trials(
-            cell.assign(**{column: cell[column] / cell["frames"]})
-            if is_count
-            else cell.dropna(subset=[column])
-        ).by_seed(column)
-        for cell in (one, five)
+def _table(team: str, cell: Trials) -> Iterator[Finding]:
+    """True positives per frame, precision and recall of the paper's one run of a team (item 41)."""
+    frames = sorted(set(cell.rows["frames"].tolist()))
+    note = (
+        ""
+        if frames == [PAPER_FRAMES]
+        else f"Our runs have {' or '.join(map(str, frames))} frames, the paper's {PAPER_FRAMES}, and "
+        "shorter runs spread wider."
     )
-    what, verb = CALLED.get(column, column), "rise" if rises else "fall"
-    claim = f"{what} per frame {verb}" if is_count else f"{what} {verb}s"
-    within = (0.0, math.inf) if is_count else (0.0, 1.0)
-    return comparison(f"{claim} from 1 robot to 5", first, second, rises, within)
+    numbers = cell.numbers()
+    for name in TABLE:
+        values, paper, within = numbers[name]
+        text = f"{name} is" if name in SCORES else "true positives per frame are"
+        yield single_run(f"{team}: {text} {paper:.3f}", values, paper, within, note)
 
 
-def _share(cell: pd.DataFrame, part: str, whole: str) -> Callable[[float], Estimate]:
+def _delay(team: str, rows: pd.DataFrame) -> Iterator[Finding]:
+    """What "is not expected to be significant": misses just come near, false boxes where one just was."""
+    ours = f'The paper says "not expected to be significant"; {_percent(MINOR)} is our reading of that.'
+    for errors, part, whole in (("false positives", "fp_left", "fp"), ("misses", "fn_new", "fn")):
+        claim = f"{team}: few {errors} are due to scan delay"
+        yield finding(claim, _share(rows[part], rows[whole]), -math.inf, MINOR, note=ours)
+
+
+def _change(cells: Cells, score: str, rises: bool) -> Finding:
+    """Of a ratio from one robot to five, seed by seed."""
+    first, second = (Trials(cells[team].rows.dropna(subset=[score])).by_seed(score) for team in PAPER)
+    claim = f"{CALLED.get(score, score)} {'rises' if rises else 'falls'} from 1 robot to 5"
+    return comparison(claim, first, second, rises, (0.0, 1.0))
+
+
+def _inside(rows: pd.DataFrame) -> str:
+    """Most misses lie where no local costmap reaches, of which the paper gives no size."""
+    share = _share(rows["fn_hidden_in_window"], rows["fn"] - rows["fn_outside_window"])
+    return f"Of misses inside the local costmap: {_number(share(0.95))}."
+
+
+def _per_frame(cell: Trials, count: str) -> dict[int, float]:
+    rows = cell.rows
+    return dict(zip(rows["seed"].tolist(), (rows[count] / rows["frames"]).tolist(), strict=True))
+
+
+def _share(part: pd.Series, whole: pd.Series) -> Interval:
     """Sum over sum, over seeds."""
-    return partial(ratio_of_sums, cell[part].tolist(), cell[whole].tolist(), within=(0.0, 1.0))
+    return partial(ratio_of_sums, part.tolist(), whole.tolist(), within=(0.0, 1.0))
+
+
+def _number(one: Estimate) -> str:
+    """``0.665 [0.547, 0.796]``."""
+    if math.isnan(one.value):
+        return "not defined"
+    interval = "" if math.isnan(one.low) else f" [{one.low:.{DIGITS}f}, {one.high:.{DIGITS}f}]"
+    return f"{one.value:.{DIGITS}f}{interval}"

@@ -18,7 +18,15 @@ import pandas as pd
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.frames import Results, records
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, distance, exact_sum
+from midnet_bench.analysis.statistics import (
+    MEAN_METHOD,
+    NOT_NEGATIVE,
+    Estimate,
+    Range,
+    distance,
+    exact_sum,
+    prediction,
+)
 from midnet_bench.analysis.tables import Cell, Table, team_in_words
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.experiments.guarded.tables import METRICS, error_tables, metric_measures, metric_tables
@@ -58,6 +66,14 @@ HEADS = {"trial": "", "source": "", "f1": "F1", "f1_one_to_one": "F1 one-to-one"
 MANY_DUPLICATES = 0.05  # share of the true positives from which a note says so
 
 
+class PaperNumber(NamedTuple):
+    """A number of the paper's table."""
+
+    ours: list[float]  # by trial
+    paper: float
+    within: Range  # the least and the greatest value that it can have
+
+
 @dataclass(frozen=True)
 class Trials:
     """The finished trials of one cell."""
@@ -85,6 +101,18 @@ class Trials:
     def estimates(self, scores: Sequence[str]) -> dict[str, Cell]:
         """The means of several scores."""
         return {score: self.means[score] for score in scores}
+
+    def numbers(self) -> dict[str, PaperNumber]:
+        """The numbers of the paper's table: its ratios, and its counts per frame; NaN without its row."""
+        paper = dict.fromkeys((*SCORES, *COUNTS), math.nan) if self.paper is None else self.paper
+        rows = self.rows
+        ratios_of = {name: PaperNumber(rows[name].tolist(), paper[name], (0.0, 1.0)) for name in SCORES}
+        return ratios_of | {
+            f"{name}_per_frame": PaperNumber(
+                (rows[name] / rows["frames"]).tolist(), paper[name] / PAPER_FRAMES, NOT_NEGATIVE
+            )
+            for name in COUNTS
+        }
 
     def by_seed(self, column: str) -> dict[int, float]:
         """One column by seed."""
@@ -144,9 +172,11 @@ def own_tables(cells: Cells, notes: Sequence[str] = ()) -> list[Table]:
         _table("detection_matching", "Same trials, counting one box per intruder", cells, _matching),
         _table(
             "detection_comparison",
-            f"Means over seeds and the paper's scores ({MEAN_METHOD})",
+            f"Means over seeds and the paper's scores ({MEAN_METHOD}; run: 95 % prediction interval of one "
+            "further run, Student's t)",
             cells,
             _comparison,
+            digits={"p_value": 4},
             bounds={"ours": ("low", "high", "seeds")},
         ),
         _table(
@@ -217,11 +247,22 @@ def _matching(team: Team, cell: Trials) -> Rows:
 
 
 def _comparison(team: Team, cell: Trials) -> Rows:
-    """Ours beside the paper's: means over seeds with 95 % intervals, and the difference."""
-    for score in SCORES:
-        ours, papers = cell.means[score], math.nan if cell.paper is None else cell.paper[score]
-        difference = ours.value - papers
-        yield {"trial": str(team), "score": score, "ours": ours, "paper": papers, "difference": difference}
+    """Ours beside the paper's: means over seeds with 95 % intervals, and the difference.
+
+    Beside them stands where one further run of ours lies, and the p of the paper's among our runs.
+    """
+    for score, (values, paper, within) in cell.numbers().items():
+        ours, (run, p) = statistics.mean(values, within=within), prediction(values, paper, within=within)
+        yield {
+            "trial": str(team),
+            "score": score,
+            "ours": ours,
+            "paper": paper,
+            "difference": ours.value - paper,
+            "run_low": run.low,
+            "run_high": run.high,
+            "p_value": p,
+        }
 
 
 def _counting(team: Team, cell: Trials) -> Rows:
