@@ -6,9 +6,11 @@ from typing import Any
 import pytest
 
 from midnet_bench.campaign.trial import TrialResult, TrialSpec, encode_tables
+from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.guarded import parameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.parameters import result_key as labyrinth_key
 from midnet_bench.experiments.registry import run_trials
 from midnet_bench.plugins import PluginError
 
@@ -140,6 +142,42 @@ def test_options_that_may_change_something_do_not(
 ) -> None:
     one, other = (DetectionParameters.of(**common, **changes) for changes in (first, second))
     assert result_key(one) != result_key(other)
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_same"),
+    [
+        ({}, False),  # one guard's own square keeps boxes from its pursuit
+        ({"pursuit": "none"}, False),  # and from the targets that are counted
+        ({"pursuit_ignores_allies": False}, True),
+        ({"pursuit": "oracle"}, True),
+    ],
+)
+def test_the_size_of_one_guard_counts_where_its_pursuit_ignores_boxes_on_it(
+    changes: dict[str, Any], is_same: bool
+) -> None:
+    one, other = (
+        labyrinth_key(LabyrinthParameters.of(ally_diameter_m=size_m, **changes)) for size_m in (0.2, 0.4)
+    )
+    assert (one == other) == is_same
+
+
+def test_a_pursuit_by_the_referees_truth_ignores_no_box() -> None:
+    keys = {
+        rule: [
+            labyrinth_key(LabyrinthParameters.of(pursuit=rule, pursuit_ignores_allies=on))
+            for on in (False, True)
+        ]
+        for rule in ("oracle", "nearest")
+    }
+    assert {rule: one == other for rule, (one, other) in keys.items()} == {"oracle": True, "nearest": False}
+
+
+def test_the_registry_knows_what_a_labyrinth_depends_on() -> None:
+    one, other = (
+        registry.LABYRINTH.sharing(LabyrinthParameters.of(ally_diameter_m=size_m)) for size_m in (0.2, 0.4)
+    )
+    assert one.result_key != other.result_key
 
 
 def test_a_threshold_stands_for_the_least_cost_from_there_on() -> None:

@@ -8,6 +8,7 @@ from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, free_space, widest_pair_m
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.guarded import parameters as guarded
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.geometry import Point
@@ -168,6 +169,19 @@ class LabyrinthParameters(GuardParameters):
         else:
             self._check_size(arena_from(read.arena))
         return replace(read, pursuit=replace(read.pursuit, rule=PURSUITS.pinned(read.pursuit.rule)))
+
+
+def result_key(parameters: LabyrinthParameters) -> LabyrinthParameters:
+    """What a trial's numbers depend on; see :func:`guarded.parameters.result_key`.
+
+    ``ally_diameter_m`` counts for one guard too, whose own square keeps boxes from its pursuit (item 78).
+    """
+    pursuit, key = parameters.pursuit, guarded.result_key(parameters)
+    if pursuit.rule == "oracle":
+        return key.but(pursuit=pursuit.but(ignores_allies=True))
+    if not pursuit.ignores_allies:
+        return key
+    return key.but(midnet=key.midnet.but(ally_diameter_m=parameters.midnet.ally_diameter_m))
 
 
 def _place(text: str) -> Point:
