@@ -437,6 +437,12 @@ def have_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
     """Whether any cell of the grid ceased to be lethal, by the rule of ``changed_near``."""
     height, width = now.shape
     for y in range(height):
+        # Few rows have such cells: this loop takes many cells at once, and the next one is left out.
+        row_now, row_then, is_any = now[y], then[y], np.uint8(0)
+        for x in range(width):
+            is_any |= np.uint8(row_then[x] == LETHAL) & np.uint8(row_now[x] != LETHAL)
+        if is_any == 0:
+            continue
         for x in range(width):
             if then[y, x] != LETHAL or now[y, x] == LETHAL or static_costs[y, x] >= INSCRIBED:
                 continue
