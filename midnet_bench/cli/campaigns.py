@@ -1,6 +1,7 @@
 """The commands that run campaigns, ``detection``, ``labyrinth``, ``run`` and ``size``, and ``report``."""
 
 import dataclasses
+import sys
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
     from midnet_bench.campaign.runner import CampaignOutcome, Plan
+    from midnet_bench.workflows.report import Report
 
 EXECUTION = ("jobs", "backend", "scheduler", "fresh", "retry_failed")
 """options of how a campaign is run, none of which changes a number"""
@@ -169,13 +171,24 @@ def report(
 
 
 def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
-    """Write a campaign's CSV files, tables and figures, and print the result; whether any trial finished.
+    """Print a campaign's result, then write its figures and its page; whether any trial finished.
 
-    Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.
+    CSV files and tables are written first. Figures are drawn from ``drawn_from`` finished trials on.
+    ``wide``: print the main tables whole.
     """
     from midnet_bench.workflows.report import write_report
 
-    results, tables, printed, first = write_report(directory, drawn_from)
+    def show_tables(report: "Report") -> None:
+        _show_report(report, as_json, wide)
+        sys.stdout.flush()
+        if report.results.finished >= drawn_from and not as_json:
+            messages.note("drawing figures and the page")
+
+    return write_report(directory, drawn_from, before_drawing=show_tables).results.finished > 0
+
+
+def _show_report(report: "Report", as_json: bool, wide: bool) -> None:
+    results, tables, printed, first = report
     if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
         from midnet_bench.workflows import standing
 
@@ -188,7 +201,6 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
         print_lines([*first.conclusion, *first.notes, "", first.following])
     elif results.finished:
         show(None, printed, wide=wide)
-    return results.finished > 0
 
 
 def _log_page(directory: Path) -> None:

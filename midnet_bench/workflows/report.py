@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -46,7 +46,12 @@ class Report(NamedTuple):
     """what a terminal shows first, beside the packaged reference; None: ``printed``"""
 
 
-def write_report(directory: str | Path, drawn_from: int = 1, formats: Sequence[str] = FORMATS) -> Report:
+def write_report(
+    directory: str | Path,
+    drawn_from: int = 1,
+    formats: Sequence[str] = FORMATS,
+    before_drawing: Callable[[Report], None] = lambda report: None,
+) -> Report:
     """Write CSV files, tables, figures, verdicts, configuration, provenance and ``report.html``.
 
     All of them go into the campaign's folder.
@@ -56,6 +61,7 @@ def write_report(directory: str | Path, drawn_from: int = 1, formats: Sequence[s
         directory: of the campaign.
         drawn_from: how many trials have to be finished for figures to be drawn.
         formats: of figures: png, svg, pdf.
+        before_drawing: called with the report when its tables are written, before figures and the page are.
 
     Raises:
         InputError: there is no campaign, or it is damaged, foreign or of a newer version.
@@ -75,15 +81,16 @@ def write_report(directory: str | Path, drawn_from: int = 1, formats: Sequence[s
     found = record.claims(results)
     claims = verdict_table(found) if found else None
     write_tables([*tables, claims] if claims else tables, directory)
+    names = record.printed
+    printed = [table for table in tables if not names or table.name in names]
+    printed.sort(key=lambda table: names.index(table.name) if names else 0)
+    report = Report(results, tables, printed, _headline(record, results) if results.finished else None)
+    before_drawing(report)
     pictures: list[Picture] = []
     if results.finished >= drawn_from:
         pictures, swept = _drawn(record.figures(results), formats), _swept(sweeps(results), formats)
         _write(directory, pictures, swept)
         pictures += swept
-    names = record.printed
-    printed = [table for table in tables if not names or table.name in names]
-    printed.sort(key=lambda table: names.index(table.name) if names else 0)
-    report = Report(results, tables, printed, _headline(record, results) if results.finished else None)
     if results.finished:
         _write_page(report, record, claims, pictures)
     return report

@@ -72,7 +72,7 @@ def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_p
     assert "Open" not in as_json.stderr
     with unpainted():
         again = worked("report", "results/detection", folder=tmp_path)
-    assert again.stderr == "Open results/detection/report.html\n"
+    assert again.stderr == "drawing figures and the page\nOpen results/detection/report.html\n"
 
 
 @pytest.mark.slow

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.cli.campaigns import present
+from midnet_bench.workflows import report
 from tests.cli.command import REPOSITORY
 from tests.stores import labyrinth_store
 
@@ -50,6 +52,19 @@ def test_the_tables_of_a_single_trial_need_no_statistics_and_no_plotting(tmp_pat
     assert not found & {"scipy", "matplotlib", "numba", "pybullet"}
     assert (tmp_path / "success_rate.csv").exists()
     assert not (tmp_path / "success_rate.png").exists()
+
+
+def test_tables_are_on_the_screen_before_figures_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    grid = {"intruders": [1], "robots": [1, 2]}
+    labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: k, seeds=1, grid=grid).close()
+    printed: list[str] = []
+    monkeypatch.setattr(report, "_drawn", lambda *_: printed.append(capsys.readouterr().out) or [])
+    assert present(tmp_path, as_json=False)
+    assert "Success rate" in printed[0]
+    assert (tmp_path / "success_rate.csv").exists()
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.slow
