@@ -80,11 +80,11 @@ class MIDNetSettings(Settings):
         source="paper: IV.C.1, di; length and width are those of the Burger's data sheet",
     )
     iou_ally: float = option(
-        0.1,
+        0.03,
         "IoU with an ally's square from which a box is removed as that ally, t of Algorithm 2.",
         gt=0,
         le=1,
-        source="ours: IV.C.1 gives no number; campaigns/ally-threshold.yaml has the rule, by IV.C.2",
+        source="ours: IV.C.1 gives no number; chosen by IV.C.2, the rule is in campaigns/ally-threshold.yaml",
     )
     ally_remove: AllyRemove = option(
         "first",
