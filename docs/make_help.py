@@ -30,7 +30,7 @@ def page() -> str:
             if option.name and getattr(option, "help", None) == PARAMETER
             if (text := help_of(option.name, command)) is not None
         }
-        for command, made in typer.main.get_command(app).commands.items()  # type: ignore[attr-defined]
+        for command, made in typer.main.get_command(app).commands.items()
     }
     return json.dumps({command: options for command, options in texts.items() if options}, indent=1) + "\n"
 

@@ -60,7 +60,12 @@ def test_tables_are_on_the_screen_before_figures_are_drawn(
     grid = {"intruders": [1], "robots": [1, 2]}
     labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: k, seeds=1, grid=grid).close()
     printed: list[str] = []
-    monkeypatch.setattr(report, "_drawn", lambda *_: printed.append(capsys.readouterr().out) or [])
+
+    def drawn(*_: object) -> list[object]:
+        printed.append(capsys.readouterr().out)
+        return []
+
+    monkeypatch.setattr(report, "_drawn", drawn)
     assert present(tmp_path, as_json=False)
     assert "Success rate" in printed[0]
     assert (tmp_path / "success_rate.csv").exists()

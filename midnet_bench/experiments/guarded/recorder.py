@@ -53,7 +53,8 @@ class Recorder:
 
     def __init__(self, trial: GuardedArena, test: GuardParameters, node: DetectorNode | None = None) -> None:
         """From now on; errors only of a ``node``."""
-        self._trial, self._test = proxy(trial), test
+        self._trial: GuardedArena = proxy(trial)
+        self._test = test
         self.trace = FrameTrace(trial, node) if node is not None and test.record else None
         self._metrics = TrialMetrics(test.metrics)
         self._frames: list[Row] = []
@@ -212,7 +213,8 @@ class FrameTrace:
 
     def __init__(self, trial: GuardedArena, node: DetectorNode) -> None:
         """From now on every scan of the guards is traced."""
-        self._trial, self._node = proxy(trial), node
+        self._trial: GuardedArena = proxy(trial)
+        self._node = node
         self._settings = node.costmaps[0].settings
         self._traces = [_GuardTrace() for _ in trial.guards]
         trial.add_scan_callback(node, self._add_scan)
