@@ -17,6 +17,7 @@ PACKAGE = Path(midnet_bench.__file__).parent
 WHOLE = {
     "(b > a if rises else b < a for a, b in zip(paired.before, paired.after, strict=True))",
     "cores.values()",
+    "self.left_out.values()",
     "store.counts()",
     "outcome.unusable.values()",
     *("whole", "least", "middle", "found", "in_range", "near", "numbers", "zip(NONE, *causes, strict=True)"),
