@@ -4,6 +4,7 @@ A trial's tables are held to them when it ends and when a store or a CSV file is
 the bounds of ``compare --exact`` are made of them. No factor of a grid may have the name of a column.
 """
 
+from dataclasses import replace
 from functools import partial
 
 from midnet_bench.campaign.trial import ANY_DRIFT, LARGEST, Column, Columns, Drift, Tables
@@ -195,8 +196,12 @@ LABYRINTH: Tables = {
             **PATROL,
             "targets": _event("tracks of boxes that guards could pursue, 0 under `pursuit=oracle`"),
             "ghost_targets": _event("of these, tracks whose first box was on no intruder"),
-            "false_target_s": _seconds(
-                "time that guards pursued those of `ghost_targets`, summed over the guards", drift=ANY_DRIFT
+            "false_target_s": replace(
+                _seconds(
+                    "time that guards pursued those of `ghost_targets`, summed over the guards",
+                    drift=ANY_DRIFT,
+                ),
+                may_be_missing=True,
             ),
         },
         "One row per trial.",
