@@ -437,9 +437,20 @@ def have_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
     """Whether any cell of the grid ceased to be lethal, by the rule of ``changed_near``."""
     height, width = now.shape
     for y in range(height):
+        if not _has_gone(now[y], then[y], static_costs[y]):
+            continue
         for x in range(width):
             if then[y, x] != LETHAL or now[y, x] == LETHAL or static_costs[y, x] >= INSCRIBED:
                 continue
             if not (now[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] == LETHAL).any():
                 return True
     return False
+
+
+@njit
+def _has_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
+    """Whether any cell of a row ceased to be lethal, away from the map's walls."""
+    found = 0
+    for x in range(len(now)):  # without a branch: the compiler takes many cells at once
+        found |= (then[x] == LETHAL) & (now[x] != LETHAL) & (static_costs[x] < INSCRIBED)
+    return found != 0
