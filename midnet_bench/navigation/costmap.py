@@ -106,9 +106,9 @@ class Costmap:
         where nothing came back, which never marks. Raises ValueError: a pose is not finite, or there is not
         one range a beam.
         """
+        mount = geometry.mount
         pose.require_finite()
-        sensor_pose = pose.compose(geometry.mount)
-        sensor_pose.require_finite()
+        mount.require_finite()
         if ranges_m.shape != (geometry.beams,):
             raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
         settings = self.settings
@@ -118,17 +118,18 @@ class Costmap:
                 self.marks.fill(self._unseen)
             is_old = self._marked_at_s < time_s - settings.memory_s
             self.marks[(self.marks == LETHAL) & is_old] = FREE_SPACE
-        marked = integrate_scan(
+        marked = take_scan(
             self.marks,
-            float(settings.resolution),
-            (*self.to_cells(sensor_pose.x, sensor_pose.y), float(sensor_pose.yaw)),
+            (*self._lattice, float(self.column), float(self.row)),
+            (float(pose[0]), float(pose[1]), float(pose[2])),
+            (float(mount[0]), float(mount[1]), float(mount[2])),
             np.ascontiguousarray(ranges_m, dtype=np.float64),
             geometry.directions,
             (geometry.range_min_m, geometry.range_max_m, settings.obstacle_range_m),
             self._raytrace_cells,
             settings.inf_is_valid,
+            self._footprint_cells,
         )
-        clear_footprint(self.marks, self._footprint_cells, (*self.to_cells(pose.x, pose.y), float(pose.yaw)))
         if not self._remembers_for_ever:
             self._marked_at_s.reshape(-1)[marked] = time_s
         self._costs = None
@@ -176,7 +177,8 @@ def _moved(
     """(height, width): what ``old`` holds from column ``right``, row ``up`` on, and ``unseen`` beyond it."""
     kept = old[max(up, 0) : max(up + height, 0), max(right, 0) : max(right + width, 0)]
     x, y = max(-right, 0), max(-up, 0)
-    new = np.full((height, width), unseen, dtype=old.dtype)
+    new = np.empty((height, width), dtype=old.dtype)
+    new.fill(unseen)
     new[y : y + kept.shape[0], x : x + kept.shape[1]] = kept
     return new
 
@@ -359,6 +361,36 @@ def clear_footprint(cells: Cells, footprint: Floats, pose: tuple[float, float, f
 
 
 @njit
+def take_scan(
+    cells: Cells,
+    frame: tuple[float, float, float, float, float],
+    pose: tuple[float, float, float],
+    mount: tuple[float, float, float],
+    ranges: Floats,
+    directions: Floats,
+    range_limits: tuple[float, float, float],
+    raytrace_cells: int,
+    inf_is_valid: bool,
+    footprint: Floats,
+) -> Indices:
+    """``integrate_scan`` of a LiDAR on a robot, then ``clear_footprint`` of that robot; what was marked.
+
+    ``frame``: x and y of the lattice's corner and a cell's side, metres, and the column and row on it where
+    ``cells`` begin. ``pose``: the robot's; ``mount``: the LiDAR's in the robot's frame, metres and radians.
+    """
+    left, bottom, resolution, column, row = frame
+    c, s = cos_sin(pose[2])
+    x, y = pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1]
+    sensor = (x - left) / resolution - column, (y - bottom) / resolution - row, pose[2] + mount[2]
+    marked = integrate_scan(
+        cells, resolution, sensor, ranges, directions, range_limits, raytrace_cells, inf_is_valid
+    )
+    robot = (pose[0] - left) / resolution - column, (pose[1] - bottom) / resolution - row, pose[2]
+    clear_footprint(cells, footprint, robot)
+    return marked
+
+
+@njit
 def integrate_scan(
     cells: Cells,
     resolution: float,
@@ -457,7 +489,8 @@ def inflate(base: Cells, cost_by_squared_distance: Cells) -> Cells:
         for x in range(width):
             squared[x] = here[x] * here[x]
         padded[reach : reach + width] = squared
-        for offset in range(1, reach + 1):
+        # what lies farther aside is beyond the reach of all that this row's columns have
+        for offset in range(1, int(math.sqrt(limit - nearest * nearest)) + 1):
             left = padded[reach - offset : reach - offset + width]
             right = padded[reach + offset : reach + offset + width]
             added = np.int16(offset * offset)

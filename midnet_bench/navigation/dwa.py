@@ -58,12 +58,12 @@ class _Oscillation:
     def note(self, command: Command, pose: Pose2D) -> None:
         """Take the command that was chosen at ``pose``."""
         forwards, backwards, left, right = self.allowed
-        sign = int(np.sign(command.linear_mps))
+        sign = _sign(command.linear_mps)
         if sign != 0 and self._last_speed_sign == -sign:
             forwards, backwards = sign > 0, sign < 0
         self._last_speed_sign = sign or self._last_speed_sign
         if abs(command.linear_mps) <= self._min_vel_trans_mps:
-            sign = int(np.sign(command.angular_radps))
+            sign = _sign(command.angular_radps)
             if sign != 0 and self._last_turn_sign == -sign:
                 left, right = sign > 0, sign < 0
             self._last_turn_sign = sign or self._last_turn_sign
@@ -75,6 +75,10 @@ class _Oscillation:
             or abs(wrap_angle(pose.yaw - self._set_at.yaw)) > OSCILLATION_RESET_ANGLE_RAD
         ):
             self.reset()
+
+
+def _sign(value: float) -> int:
+    return (value > 0.0) - (value < 0.0)
 
 
 class SearchParameters(NamedTuple):
@@ -207,24 +211,32 @@ def search(now: _Situation, speeds: Floats, turns: Floats, params: SearchParamet
         sample = int(np.argmin(scores))
         if scores[sample] == np.inf:
             return best, best_total
-        highest = _cost_of(sample, now, speeds, turns, params)
-        if highest != ILLEGAL:
-            best, best_total = sample, scores[sample] + params.occupied * highest
+        total = _total(sample, scores[sample], now, speeds, turns, params, np.inf)
+        if total < np.inf:
+            best, best_total = sample, total
         scores[sample] = np.inf
     for sample in range(len(scores)):
         if scores[sample] + least <= best_total:
-            highest = _cost_of(sample, now, speeds, turns, params)
-            total = scores[sample] + params.occupied * highest
-            if highest != ILLEGAL and (total < best_total or (total == best_total and sample < best)):
+            total = _total(sample, scores[sample], now, speeds, turns, params, best_total)
+            if total < best_total or (total == best_total and sample < best):
                 best, best_total = sample, total
     return best, best_total
 
 
 @njit
-def _cost_of(sample: int, now: _Situation, speeds: Floats, turns: Floats, params: SearchParameters) -> int:
-    """``collision_cost`` of a sample."""
+def _total(
+    sample: int,
+    score: float,
+    now: _Situation,
+    speeds: Floats,
+    turns: Floats,
+    params: SearchParameters,
+    most: float,
+) -> float:
+    """All critics of a sample with that ``score`` at its last point; inf if discarded or above ``most``."""
     speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
-    return collision_cost(now, speed, turn, params.forward_cells, params)
+    highest = collision_cost(now, speed, turn, params.forward_cells, params, score, most)
+    return np.inf if highest == ILLEGAL else score + params.occupied * highest
 
 
 @njit
@@ -290,9 +302,17 @@ def _end_scores(now: _Situation, speeds: Floats, turns: Floats, params: SearchPa
 
 @njit
 def collision_cost(
-    now: _Situation, speed: float, turn: float, forward_cells: float, params: SearchParameters
+    now: _Situation,
+    speed: float,
+    turn: float,
+    forward_cells: float,
+    params: SearchParameters,
+    score: float,
+    most: float,
 ) -> int:
     """The highest cost that a simulated arc meets under outline and centre; -1 if a critic discards it.
+
+    Also -1 once that cost takes a total that began as ``score`` beyond ``most``.
 
     Points: the start, then steps - 1 Euler steps (position along the old heading, then heading). Discarded
     are arcs with an illegal outline, a centre on a cell that path or goal grid block or do not reach, or,
@@ -322,6 +342,8 @@ def collision_cost(
         if under == ILLEGAL:
             return ILLEGAL
         highest = max(highest, under, int(costs[row, column]))
+        if score + params.occupied * highest > most:
+            return ILLEGAL
         x += advance * c
         y += advance * s
         c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
@@ -370,6 +392,6 @@ def escape(now: _Situation, speeds: Floats, turns: Floats, params: SearchParamet
             yaw += turn * dt
         if not (0.0 <= x < width and 0.0 <= y < height) or costs[int(y), int(x)] >= lowest:
             continue
-        if collision_cost(without_plan, speed, turn, 0.0, params) != ILLEGAL:
+        if collision_cost(without_plan, speed, turn, 0.0, params, 0.0, np.inf) != ILLEGAL:
             best, lowest = sample, int(costs[int(y), int(x)])
     return best

@@ -437,11 +437,7 @@ def have_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
     """Whether any cell of the grid ceased to be lethal, by the rule of ``changed_near``."""
     height, width = now.shape
     for y in range(height):
-        # Few rows have such cells: this loop takes many cells at once, and the next one is left out.
-        row_now, row_then, is_any = now[y], then[y], np.uint8(0)
-        for x in range(width):
-            is_any |= np.uint8(row_then[x] == LETHAL) & np.uint8(row_now[x] != LETHAL)
-        if is_any == 0:
+        if not _has_gone(now[y], then[y], static_costs[y]):
             continue
         for x in range(width):
             if then[y, x] != LETHAL or now[y, x] == LETHAL or static_costs[y, x] >= INSCRIBED:
@@ -449,3 +445,12 @@ def have_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
             if not (now[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] == LETHAL).any():
                 return True
     return False
+
+
+@njit
+def _has_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
+    """Whether any cell of a row ceased to be lethal, away from the map's walls."""
+    found = 0
+    for x in range(len(now)):  # without a branch: the compiler takes many cells at once
+        found |= (then[x] == LETHAL) & (now[x] != LETHAL) & (static_costs[x] < INSCRIBED)
+    return found != 0

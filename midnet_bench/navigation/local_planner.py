@@ -167,10 +167,15 @@ def _spread(seeds: npt.NDArray[np.int32], grid: npt.NDArray[np.int32], cells: in
                     flat[other] = steps
                     queue[tail] = other
                     tail += one
-                elif flat[other] == closed:
-                    flat[other] = blocked
-    for place in range(len(flat)):
-        flat[place] = min(flat[place], unreachable)  # closed cells beside none that was reached
+    # Without a branch, rows taken out before: the compiler takes many cells at once. The ring's -1 is a large
+    # number here.
+    for row in range(1, len(grid) - 1):
+        below, here, above = grid[row - 1], grid[row], grid[row + 1]
+        for column in range(1, len(here) - 1):
+            nearest = min(np.uint32(below[column]), np.uint32(above[column]))
+            nearest = min(nearest, np.uint32(here[column - 1]), np.uint32(here[column + 1]))
+            if here[column] == closed:
+                here[column] = blocked if nearest < blocked else unreachable
 
 
 @njit

@@ -244,14 +244,17 @@ class Navigator:
         if drive.driven_m > _WAYS * drive.first_plan_m + _SPARE_M:
             return True
         to_goal_m = math.hypot(drive.goal[0] - pose.x, drive.goal[1] - pose.y)
-        costmap = self.global_costmap
-        ends = (*costmap.to_cells(pose.x, pose.y), *costmap.to_cells(*drive.goal))
-        if to_goal_m < self._window_m and is_open_line(costmap.static, *ends):
+        if to_goal_m < self._window_m and self._has_open_line(pose, drive.goal):
             if to_goal_m < drive.least_m:
                 drive.least_m = to_goal_m
             else:
                 drive.no_progress_s += PERIOD_S
         return drive.no_progress_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
+
+    def _has_open_line(self, pose: Pose2D, goal: Point) -> bool:
+        """Whether no wall of the map lies between a robot and a goal."""
+        to_cells = self.global_costmap.to_cells
+        return is_open_line(self.global_costmap.static, *to_cells(pose.x, pose.y), *to_cells(*goal))
 
     def _recover(self, drive: _Drive, pose: Pose2D, time_s: float) -> Command:
         """Run the recovery that is due; then plan again."""

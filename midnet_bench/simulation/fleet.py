@@ -92,9 +92,10 @@ class Fleet:
         world.step()
         due = self._due(self._control_phases, self._control_ticks)
         if due:
-            self._localize(due)
+            rows = _indices(due)
+            self._localize(due, rows)
             self._scan(self._due(self._scan_phases, self._scan_ticks))
-            self._control(due)
+            self._control(due, rows)
         if world.tick % self._health_ticks == 0:
             self.health.update(world.poses())
         return due
@@ -124,9 +125,9 @@ class Fleet:
             for phase, name in zip(phases, names, strict=True)
         ]
 
-    def _localize(self, robots: Sequence[MobileRobot]) -> None:
+    def _localize(self, robots: Sequence[MobileRobot], rows: Indices) -> None:
         """Let the robots due know where they are."""
-        elapsed_s, rows = 1.0 / CONTROL_HZ, _indices(robots)
+        elapsed_s = 1.0 / CONTROL_HZ
         poses, velocities = self.world.poses(), self.world.velocities(rows)
         headings = poses
         if self._has_yaw_errors:
@@ -156,10 +157,9 @@ class Fleet:
         for callback in self.scan_callbacks:
             callback(robots, scans)
 
-    def _control(self, robots: Sequence[MobileRobot]) -> None:
+    def _control(self, robots: Sequence[MobileRobot], rows: Indices) -> None:
         time_s = self.time_s
-        places = self.world.poses()[_indices(robots), :2].tolist()
-        for robot, (x, y) in zip(robots, places, strict=True):
+        for robot, (x, y, _) in zip(robots, self.world.poses()[rows].tolist(), strict=True):
             self.stands[robot.index].update(x, y, time_s, robot.goal_number)
             self.world.drive(robot.index, robot.control(time_s))
 
@@ -181,10 +181,10 @@ class HealthTracker:
 
     def update(self, poses: Floats) -> None:
         """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
-        ways_m = lengths(poses[:, :2] - self._last[:, :2])
+        before, self._last = self._last, poses.copy()
+        ways_m = lengths(self._last[:, :2] - before[:, :2])
         self.distances_m += np.where(np.isnan(ways_m), 0.0, ways_m)
-        self.crossings += crossed_wall(self._surfaces, self._last, poses)
-        self._last = poses.copy()
+        self.crossings += crossed_wall(self._surfaces, before, self._last)
 
 
 class Standstill:

@@ -244,12 +244,12 @@ class LidarSensors:
 
     def true_scan(self, rows: Indices) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
-        is_there = self._world.active[rows]
-        if not is_there.all():
-            raise ValueError(f"robot {rows[~is_there][0]} is not in this world: it was removed")
         low, high = self._lidar.range_min_m, self._lidar.range_max_m
         poses = self._world.poses()
         own = poses[rows]
+        for row, (x, _, _) in zip(rows, own.tolist(), strict=True):
+            if math.isnan(x):
+                raise ValueError(f"robot {row} is not in this world: it was removed")
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
         blind, (left_m, low_m) = self._blind, self._blind.origin

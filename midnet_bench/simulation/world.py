@@ -50,6 +50,7 @@ class World:
         self._has_velocities = hasattr(self.engine, "velocities")
         count = len(layout.robots + layout.intruders)
         self._active = np.ones(count, dtype=np.bool_)
+        self._gone: list[int] = []  # those that were removed
         self._collisions = np.zeros(count, dtype=np.int64)
         self._last_touch = np.full(count, -(10**9), dtype=np.int64)
         self._poses: Floats | None = None
@@ -99,6 +100,7 @@ class World:
         self._require_active(index)
         self._call("remove", index)
         self._active[index] = False
+        self._gone.append(index)
         self._poses = None
 
     def pose(self, index: int) -> Pose2D:
@@ -164,7 +166,8 @@ class World:
     def _of_robots(self, method: str, columns: int, rows: npt.NDArray[Any], *arguments: Any) -> Floats:
         """What a method gives of each robot, checked for active ``rows``; NaN for those that were removed."""
         found = self._array(method, (len(self._active), columns), *arguments)
-        found[~self._active] = np.nan
+        if self._gone:
+            found[self._gone] = np.nan
         if self._is_checked and not np.isfinite(found[rows]).all():
             raise self._wrong(method, "a number of a robot that is there is not finite")
         return found

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import benchmarks
-from benchmarks import compare, gmapping, growth, midnet, physics, scale, trial
+from benchmarks import compare, gmapping, growth, midnet, physics, scale, standing, trial
 
 NAMES = sorted(path.stem for path in Path(benchmarks.__file__).parent.glob("*.py") if path.stem[0] != "_")
 CHECKOUT = str(Path(benchmarks.__file__).parents[1])
@@ -51,6 +51,22 @@ def test_growth_with_robots_and_area(capsys: pytest.CaptureFixture[str]) -> None
     said = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in said[2:4]] == ["2", "4"]
     assert said[-1].startswith("growth per robot from 2 to 4: ")
+
+
+@pytest.mark.slow
+def test_a_trials_commands_and_beams_by_pybullet_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    standing.main(["--seeds", "1", "--seconds", "0.6", "--engines", "fast", "--skip", "fixed"])
+    said = capsys.readouterr().out.splitlines()
+    figures = [line.strip("|").split("|")[1] for line in said if line.startswith(("| bare", "| whole"))]
+    assert [float(figure) > 0.0 for figure in figures] == [True, True, True]
+
+
+def test_a_recorded_trial_has_ten_robots_commands_and_scans() -> None:
+    given = standing.recorded({**standing.DRIVING_ON, "time_limit_s": 1.0}, 1)
+    assert given.ticks == 30
+    assert {number for _, number, _ in given.commands} == set(range(10))
+    assert sum(len(starts) for _, starts, _ in given.beams) == 5 * 10 * 360
+    assert 0 < min(tick for tick, _, _ in given.beams) <= max(tick for tick, _, _ in given.beams) <= 30
 
 
 @pytest.mark.slow

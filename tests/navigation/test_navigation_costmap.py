@@ -258,6 +258,28 @@ def test_the_robot_frees_the_cells_it_stands_on(half_m: float, pose: Pose2D, wid
     assert (costmap.marks == 0).sum(axis=1).tolist() == widths
 
 
+# A LiDAR on a robot
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_scan_is_taken_from_where_the_lidar_is_mounted(seed: int) -> None:
+    """The same cells as by ``Pose2D.compose`` and both steps one by one, on a grid that begins anywhere."""
+    rng = np.random.default_rng(seed)
+    pose, mount = (Pose2D(*rng.uniform(-reach, reach, 3).tolist()) for reach in (0.5, 0.2))
+    lidar = dataclasses.replace(LDS_01, mount=mount)
+    ranges = np.where(rng.random(lidar.beams) < 0.2, np.inf, rng.uniform(0.1, 3.6, lidar.beams))
+    costmap = RollingCostmap(BURGER_COSTMAP, (0.013, -0.4))
+    costmap.update(pose, ranges, lidar, 0.0)
+    expected, sensor = np.zeros_like(costmap.marks), pose.compose(mount)
+    limits, reach = (lidar.range_min_m, lidar.range_max_m, BURGER_COSTMAP.obstacle_range_m), 70
+    at = (*costmap.to_cells(sensor.x, sensor.y), sensor.yaw)
+    integrate_scan(expected, 0.05, at, ranges, lidar.directions, limits, reach, True)
+    outline = np.array(BURGER_COSTMAP.footprint) / 0.05
+    clear_footprint(expected, outline, (*costmap.to_cells(pose.x, pose.y), pose.yaw))
+    np.testing.assert_array_equal(costmap.marks, expected)
+    assert np.count_nonzero(expected) > 50
+
+
 # Rolling
 
 

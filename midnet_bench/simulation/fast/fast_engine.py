@@ -25,8 +25,7 @@ POSE = slice(0, 3)
 SPEED_X, SPEED_Y = 3, 4
 FORWARD, TURN = 5, 6
 VELOCITY = slice(5, 7)
-ASKED = slice(7, 9)
-ASKED_LEFT, LEFT, RIGHT = 7, 9, 10
+ASKED_LEFT, ASKED_RIGHT, LEFT, RIGHT = 7, 8, 9, 10
 ANGLES = slice(11, 13)
 ANGLE_LEFT = 11
 COLUMNS = 13
@@ -74,7 +73,7 @@ class FastEngine:
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity, within its limits; held until the next one."""
-        self._states[index, ASKED] = self._robot.rim_speeds(command)
+        self._states[index, ASKED_LEFT], self._states[index, ASKED_RIGHT] = self._robot.rim_speeds(command)
 
     def step(self) -> None:
         """Let 1 / ``step_hz`` seconds pass."""
