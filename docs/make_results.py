@@ -24,7 +24,8 @@ def block(name: str, table: Columns) -> str:
     """A table's paragraph, Markdown; columns in a row that agree in all else are named together."""
     columns: dict[tuple[str, str], list[str]] = {}
     for column, known in table.columns.items():
-        columns.setdefault((known.range, known.about), []).append(f"`{column}`")
+        about = known.about + ("; not in results of earlier releases" if known.may_be_missing else "")
+        columns.setdefault((known.range, about.removeprefix("; ")), []).append(f"`{column}`")
     items = [
         ", ".join(names) + (f" ({held})" if held else "") + (f": {about}" if about else "")
         for (held, about), names in columns.items()

@@ -330,8 +330,11 @@ class _File:
             # an empty cell has the code -1, which takes the last one
             frame[factor] = present.take(codes % len(there)).set_axis(frame.index)
         for name in texts:
-            if name in frame and name not in grid and not known[name].may_be_empty:
+            if name in frame and name not in grid and not _may_be_empty(known[name]):
                 frame[name] = frame[name].fillna("")
+        for name, column in known.items():
+            if name not in frame and column.may_be_missing:
+                frame[name] = np.nan if column.kind in (int, float) else None
         if self.table is not None and not self.is_checked:
             self._check(frame, self.table)
         return frame
@@ -339,6 +342,7 @@ class _File:
     def _check(self, frame: pd.DataFrame, table: Columns) -> None:
         """Raises InputError unless the columns hold what those of this table do."""
         columns = {"seed": SEED, **table.columns}
+        columns = {name: replace(one, may_be_empty=_may_be_empty(one)) for name, one in columns.items()}
         for name, column in columns.items():
             if name not in frame:
                 raise InputError(f"{self.path}: the column '{name}' is missing; {RESTORE}")
@@ -382,6 +386,11 @@ def first_invalid(cells: pd.Series, column: Column) -> int | None:
         if is_number and len(odd) and not odd.any():
             return 0  # pandas has found a text that Python takes for a number, such as 1_000
     return int(odd.argmax()) if odd.any() else None
+
+
+def _may_be_empty(column: Column) -> bool:
+    """Whether a file may have empty cells in it; where it is missing, they stand for it."""
+    return column.may_be_empty or column.may_be_missing
 
 
 class _Tables(Mapping[str, pd.DataFrame]):

@@ -52,7 +52,8 @@ from midnet_bench.io.files import CsvFile, temporary_path
 
 APPLICATION_ID = 0x4D49444E  # ``MIDN``: SQLite's mark of the program that a file belongs to
 FORMAT = 4
-"""of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""
+"""of stores; it changes with their tables and with the columns of any experiment, but for new ones that
+may be missing (``Column.may_be_missing``), and none reads another's"""
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 """SQLite's; a journal that ends in it names a file that SQLite deletes when it takes the journal back"""
 ROLLBACK_HEADER = b"SQLite format 3\0", b"\1\1"

@@ -141,6 +141,8 @@ class Column:
     most: float = LARGEST
     choices: tuple[str, ...] = ()  # of a text; any unless given
     may_be_empty: bool = False  # whether it may be undefined: NaN or None, an empty cell in CSV
+    may_be_missing: bool = False
+    """whether results may lack the column: those of releases from before it; what is run has it"""
     at_most: str | None = None  # a column of the same row, or a parameter of the trial, that no cell is above
     longest: int = LONGEST_TEXT  # characters of a text
     drift: Drift | None = None  # what ``compare --exact`` allows on another platform; nothing unless given
@@ -217,10 +219,12 @@ TIMING_TABLE: Tables = {
 }
 
 
-def check_tables(expected: Tables, tables: Mapping[str, Sequence[Row]], trial: Mapping[str, Scalar]) -> None:
+def check_tables(
+    expected: Tables, tables: Mapping[str, Sequence[Row]], trial: Mapping[str, Scalar], is_new: bool = False
+) -> None:
     """Whether one trial's tables are those that its experiment has; any do if ``expected`` is empty.
 
-    ``trial``: its parameters and its seed.
+    ``trial``: its parameters and its seed. ``is_new``: it was run just now, and no column may be missing.
 
     Raises:
         ValueError: which table and column are missing, odd or of another kind, in one line.
@@ -238,14 +242,16 @@ def check_tables(expected: Tables, tables: Mapping[str, Sequence[Row]], trial: M
             needed = "one is" if known.one_row else "some are"
             raise ValueError(f"table '{name}' has {len(rows)} rows; {needed} needed")
         for row in rows:
-            if fault := _fault(known.columns, row, trial):
+            if fault := _fault(known.columns, row, trial, is_new):
                 raise ValueError(f"table '{name}', {fault}")
 
 
-def _fault(columns: Mapping[str, Column], row: Row, trial: Mapping[str, Scalar]) -> str | None:
+def _fault(columns: Mapping[str, Column], row: Row, trial: Mapping[str, Scalar], is_new: bool) -> str | None:
     """What is wrong with a row, beginning with the column; None if nothing is."""
     for name, column in columns.items():
         if name not in row:
+            if column.may_be_missing and not is_new:
+                continue
             return f"column '{name}': missing"
         if not column.holds(row[name]):
             return f"column '{name}': {column.wanted} is needed (got {shown(row[name])})"
@@ -253,7 +259,7 @@ def _fault(columns: Mapping[str, Column], row: Row, trial: Mapping[str, Scalar])
         if name not in columns:
             return f"column {shown(name)}: no such column is known"
     for name, column in columns.items():
-        if column.at_most is not None:
+        if column.at_most is not None and name in row:
             limit = row.get(column.at_most, trial.get(column.at_most))
             if isinstance(limit, int | float) and row[name] > limit:  # type: ignore[operator]
                 return f"column '{name}': {row[name]} is more than {column.at_most} ({limit})"

@@ -308,7 +308,7 @@ def _checked_result(
     """The result, or the ValueError that says what its tables lack."""
     try:
         if not isinstance(result, Exception):
-            check_tables(found.columns, result.tables, spec.parameters)
+            check_tables(found.columns, result.tables, spec.parameters, is_new=True)
     except ValueError as error:
         return error
     return result

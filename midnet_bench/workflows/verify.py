@@ -101,6 +101,8 @@ def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = Fal
         return [f"{name}: {len(failures)} trials failed"], "and no number was compared"
     is_exact, off = differences_from_golden(run, golden, tables)
     how = "compared to the byte" if is_exact else "within another platform's bounds"
+    if missing := [line for table in tables for line in _not_compared(run, golden, table)]:
+        how += f"; not compared: {', '.join(missing)}"
     return [f"{name}: {line}" for line in off], how
 
 
@@ -150,13 +152,30 @@ def _platform() -> Provenance:
 
 
 def _off(run: Path, golden: Path, name: str, drifts: dict[tuple[str, str], Drift | None]) -> Iterator[str]:
-    ours, theirs = _rows(run, name), _rows(golden, name)
+    ours, theirs, may_lack = _rows(run, name), _rows(golden, name), _missing(name)
     if len(ours) != len(theirs):
         yield f"{name}.csv: {len(ours)} rows, golden {len(theirs)}"
     for number, (row, expected) in enumerate(zip(ours, theirs, strict=False), 1):
         for column in expected:
+            if column not in row and column in may_lack:
+                continue
             if not _agree(row.get(column, ""), expected[column], drifts.get((name, column))):
                 yield f"{name}.csv: row {number}: {column} {row.get(column)}, golden {expected[column]}"
+
+
+def _missing(name: str) -> set[str]:
+    """The columns of a table that results may lack, of any experiment."""
+    tables = [registry.experiment(one).columns.get(name) for one in registry.names()]
+    return {column for its in tables if its for column, one in its.columns.items() if one.may_be_missing}
+
+
+def _not_compared(run: Path, golden: Path, name: str) -> list[str]:
+    """In words, the columns that one of two tables lacks, as it may."""
+    ours, theirs = ({column for row in _rows(folder, name)[:1] for column in row} for folder in (run, golden))
+    return [
+        f"{name}.csv: {column}, which {'the run' if column in theirs else 'the reference'} lacks"
+        for column in sorted((ours ^ theirs) & _missing(name))
+    ]
 
 
 def _agree(ours: str, golden: str, drift: Drift | None) -> bool:
