@@ -1,6 +1,8 @@
 """Odometry placed on a map, the correction that a check prints, maps with a turned origin, maps of a log."""
 
+import csv
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +19,10 @@ from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
 from midnet_bench.recording.fitting.setup_check import find_setup, start_of
-from midnet_bench.recording.inputs import scan_log_of
+from midnet_bench.recording.inputs import opened, prior_map_of, scan_log_of
+from midnet_bench.recording.plan import Recorded, robots_of
 from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.setup import RecordingSetup
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made
 from tests.recording.recorded_drives import rectangle, room
@@ -222,6 +226,61 @@ def test_the_commands_of_a_bag_without_a_map_are_named_and_work(tmp_path):
     assert mapped.returncode == 0, mapped.stderr
     done = midnet_bench("replay", bag.name, "--map", "made/map.yaml", "--start", "found", folder=tmp_path)
     assert "began at start" in done.stderr, done.stderr
+
+
+def changed_table(folder, change):
+    """The drive as a CSV table, with ``change`` made to each row, by its number."""
+    path = bag_of(folder, "csv")
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for number, row in enumerate(rows):
+        change(number, row)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def test_a_recorded_scan_with_a_beam_less_is_left_out_and_told(tmp_path):
+    def cut(number, row):
+        if number == 7:
+            row[[name for name in row if re.fullmatch(r"r\d+", name)][-1]] = ""
+
+    whole = scan_log_of(bag_of(tmp_path, "csv"), lambda line: None)
+    log = scan_log_of(changed_table(tmp_path, cut), lambda line: None)
+    beams = whole.geometry.beams
+    assert (len(log), log.geometry) == (len(whole) - 1, whole.geometry)
+    assert log.warnings == [
+        f"{log.path}: 1 of {len(whole)} scans have {beams - 1} ranges, not {beams} as the others, and were "
+        "left out"
+    ]
+
+
+@pytest.mark.slow
+def test_a_recording_in_utm_is_mapped_as_any_other_by_slam_and_by_counting(tmp_path):
+    def moved(number, row):
+        row["x"], row["y"] = float(row["x"]) + 448262.25, float(row["y"]) + 5411932.5
+
+    (tmp_path / "far").mkdir()
+    near, far = bag_of(tmp_path, "csv"), changed_table(tmp_path / "far", moved)
+    for path in (near, far):
+        out = path.parent / "made"
+        done = midnet_bench("map", "--from-log", path, "--no-clip", "-o", out, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+    maps = [load_map(path.parent / "made" / "map.yaml") for path in (near, far)]
+    walls = [np.count_nonzero(grid.data == 100) for grid in maps]
+    assert walls[1] == pytest.approx(walls[0], rel=0.05)
+    away = np.subtract(maps[1].origin, maps[0].origin) - (448262.25, 5411932.5)
+    assert np.abs(away).max() < 0.11
+    setup = RecordingSetup().changed({"background": "first-10"})
+    grids = []
+    for path in (near, far):
+        with opened([path]) as sources:
+            recorded = Recorded.of(sources, setup)
+            grids.append(prior_map_of(setup, recorded, robots_of(recorded, setup), lambda line: None)[0])
+    walls = [np.count_nonzero(grid.data == 100) for grid in grids]
+    assert walls[1] == pytest.approx(walls[0], rel=0.1)
 
 
 def test_several_robots_are_refused(tmp_path):

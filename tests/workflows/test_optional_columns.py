@@ -1,5 +1,6 @@
 """Results from before a column that may be missing are read; what is run has to have it."""
 
+import importlib
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -89,3 +90,12 @@ def test_exact_comparison_says_that_it_is_missing_and_compares_the_rest(tmp_path
     path.write_text(path.read_text().replace(",caught,", ",escaped,", 1))
     (line,) = compare_exactly(run, other)[0]
     assert line == "run: intruders.csv: row 1: outcome caught, golden escaped"
+
+
+def test_the_page_of_results_marks_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "docs")
+    block = importlib.import_module("make_results").block
+    table = Columns({"old": Column(int, "first"), "new": Column(int, "first", may_be_missing=True)}, "A row.")
+    assert block("one", table) == (
+        "**`one`** A row. Columns: `old`: first; `new`: first; not in results of earlier releases.\n"
+    )
