@@ -48,6 +48,7 @@ SAME: dict[str, Any] = {
     "raytrace_range_m": 3.5,
     "local_map": "persistent",
     "ally_diameter_m": 0.225,
+    "iou_ally": 0.03,
 }
 """defaults of this tree that ``FIXED`` has others for, given to both"""
 ONLY_FIXED: dict[str, Any] = {"nav_local_size_m": 3.5}
