@@ -17,6 +17,9 @@ Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
+CELL_SLACK = 1e-6  # Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell.
+
+
 @cache
 def _elementary() -> Any:
     """``elementary.from_python``, once it is needed: numba takes long to import."""
@@ -34,6 +37,14 @@ def lengths(vectors: Floats) -> Floats:
 def mean_point(points: Floats) -> Floats:
     """(k,) the mean of (n, k) points, n at least 1, of exact sums: the same in whatever order they are."""
     return np.array([math.fsum(column) / len(points) for column in points.T.tolist()])
+
+
+def cell_along(distance_m: float, resolution: float) -> int:
+    """The cell that is so far from a lattice's start along one axis, by floor; on an edge, the upper one.
+
+    Of a cell's edge, too, where bare division misses it: 0.15 / 0.05 is 2.9999999999999996.
+    """
+    return math.floor(distance_m / resolution + CELL_SLACK)
 
 
 def wrap_angle(angle_rad: float) -> float:

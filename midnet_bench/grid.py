@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.geometry import CELL_SLACK, cell_along
+
 FREE, UNKNOWN, OCCUPIED = 0, -1, 100  # Values of an int8 occupancy grid (nav_msgs/OccupancyGrid).
 OCCUPIED_FROM = 65  # Values of a map from here on are obstacles (map_server's occupied_thresh).
 
@@ -15,13 +17,11 @@ RESOLUTION_TOLERANCE = 1e-4
 """Share by which two resolutions may differ and be the same: 32 bits, as messages have them, round 0.05 by
 2e-8 of it; the six decimals of a saved map round 1/30 by 1e-5, and 1 cm or more by 5e-5. A thousand cells are
 then a tenth of a cell longer than they say, and no sizes of cells in use lie so near to each other."""
-_BITS_32 = 2.0**-24  # share by which 32 bits round
+_BITS_32 = math.ldexp(1.0, -24)  # share by which 32 bits round
 
 FAR_CELLS = 2000
 """From the map frame's origin, along x or y: a map that grows begins there, or at its first scan if that is
 further off, as in a log in UTM. All between would take gigabytes; nearer, it does not weigh."""
-
-_SLACK = 1e-6  # Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell.
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
 
@@ -156,17 +156,9 @@ def cell_centers(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArr
     return np.stack((grid.x_centers[columns], grid.y_centers[rows]), axis=1)
 
 
-def cell_along(distance_m: float, resolution: float) -> int:
-    """The cell that is so far from a lattice's start along one axis, by floor; on an edge, the upper one.
-
-    Of a cell's edge, too, where bare division misses it: 0.15 / 0.05 is 2.9999999999999996.
-    """
-    return math.floor(distance_m / resolution + _SLACK)
-
-
 def cells_of(grid: OccupancyGrid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
     """(N, 2) ``cell_along`` both axes, column and row, of each of (N, 2) points, on the grid or off it."""
-    return np.asarray(np.floor((points - grid.origin) / grid.resolution + _SLACK).astype(np.int64))
+    return np.asarray(np.floor((points - grid.origin) / grid.resolution + CELL_SLACK).astype(np.int64))
 
 
 def cell_middles(grid: OccupancyGrid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Floats, Pose2D
+from midnet_bench.geometry import Floats, Pose2D, cell_along
 from midnet_bench.grid import OccupancyGrid, same_resolution
 from midnet_bench.midnet.midnet_settings import Align, Unknown
 
@@ -77,7 +77,8 @@ EMPTY_CROP = Crop(0, 0, 0, 0, 0, 0, 0, 0)
 
 def robot_cell(pose: Pose2D, prior: OccupancyGrid) -> tuple[int, int]:
     """(x_c, y_c) of Eq. 4: the (column, row) of the prior map where the robot is, by floor (item 16)."""
-    return prior.cell_at(pose.x, pose.y)
+    (x_0, y_0), r = prior.origin, prior.resolution
+    return cell_along(pose.x - x_0, r), cell_along(pose.y - y_0, r)
 
 
 def window_around(cell: tuple[int, int], width: int, height: int) -> Window:

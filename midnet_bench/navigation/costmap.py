@@ -11,8 +11,8 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D
-from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, cell_along, same_resolution
+from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D, cell_along
+from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, same_resolution
 from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 Cells = npt.NDArray[np.uint8]

@@ -107,7 +107,7 @@ def test_the_shell_completes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "labels.yaml").touch()
     for line, offered in (
         ("ver", "verify"),
-        ("run lab", "labyrinth labels.yaml"),
+        ("run lab", "labyrinth labyrinth-report labels.yaml"),
         ("parameters lab", "labyrinth"),
         ("detection --arena map", "map1 map2"),
         ("report ", "results/mine"),

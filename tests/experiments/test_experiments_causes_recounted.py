@@ -226,10 +226,10 @@ def shares(world: World, tables: dict[str, list[Row]]) -> dict[str, tuple[int, i
     return {cause: (agreed[cause], count) for cause, count in counts.items()}
 
 
-ALONE: dict[str, Any] = {"seed": 11, "robots": 1, "frames": 100}
+ALONE: dict[str, Any] = {"seed": 11, "robots": 1, "frames": 120}
 TEAM: dict[str, Any] = {
     **{"seed": 13, "robots": 5, "frames": 60},
-    **{"local_map": "persistent", "inf_is_valid": False},
+    **{"local_map": "persistent", "inf_is_valid": False, "iou_ally": 0.1},
 }
 
 

@@ -128,7 +128,7 @@ def test_an_arena_without_intruders_has_no_detection() -> None:
 @pytest.mark.slow
 def test_guards_alone_leave_ghosts_of_each_other_where_marks_are_kept() -> None:
     # costmap_2d keeps what an ally leaves behind until a beam passes; the large square removes the allies
-    team = {"seed": 4, "arena": "empty", "robots": 5, "frames": 40, "ally_diameter_m": 0.42}
+    team = {"seed": 4, "arena": "empty", "robots": 5, "frames": 40, "ally_diameter_m": 0.42, "iou_ally": 0.1}
     kept = detection(**team).tables["scores"][0]
     forgotten = detection(**team, local_map="single_scan").tables["scores"][0]
     assert forgotten["fp"] <= 2 < kept["fp"] <= 40

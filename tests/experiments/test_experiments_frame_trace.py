@@ -209,7 +209,8 @@ def test_who_runs_is_found_where_it_was_and_leaves_a_trail_where_marks_last() ->
 
 
 def test_where_marks_last_guards_leave_trails_of_each_other() -> None:
-    trails = causes(room(), robots=2, frames=60, local_map="decay", decay_s=20, raytrace_range_m=0.3)
+    lasting = {"local_map": "decay", "decay_s": 20, "raytrace_range_m": 0.3}
+    trails = causes(room(), robots=2, frames=100, iou_ally=0.1, **lasting)
     assert trails["ally_trail", "guard 1"] > 10
     assert trails["ally_trail", "guard 2"] > 10
     assert {cause for cause, _ in trails} == {"ally_trail", "ally_left"}

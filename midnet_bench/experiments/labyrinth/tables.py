@@ -169,7 +169,7 @@ def cells_table(variants: Variants) -> Table:
         for intruders, robots, cell in one.cells():
             false = cell.assign(target_percents=100.0 * cell["ghost_targets"])
             time: TableRow = {}
-            if cell["false_target_s"].notna().all():  # older results lack it
+            if "false_target_s" in cell and cell["false_target_s"].notna().all():  # older results lack it
                 percents, guard_s = 100.0 * cell["false_target_s"], robots * cell["duration_s"]
                 false = false.assign(time_percents=percents, guard_s=guard_s)
                 time = {"false_target_time": pooled(false, "time_percents", "guard_s", (0.0, 100.0))}
