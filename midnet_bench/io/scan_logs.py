@@ -176,16 +176,12 @@ def read_scan_log(path: Path) -> ScanLog:
     log = parse_log(path, read_lines(path))
     if log.invalid_ranges == len(log) * log.geometry.beams:
         raise InputError(f"{path}: every range in the log is NaN or infinite; there is nothing to map")
-    said_m = log.geometry.range_max_m
     largest_m = _ceiling(log)
     log = replace(log, geometry=replace(log.geometry, range_max_m=largest_m))
     # 1 cm below it GMapping begins to take readings for "nothing came back"
     if not any(np.any((scan.ranges_m > 0.0) & (scan.ranges_m < largest_m - 0.01)) for scan in log):
-        sensors = f"the sensor's {largest_m:g} m"
-        lowered = f"{largest_m:g} m, where readings pile up, which therefore count as 'nothing came back'"
         raise InputError(
-            f"{path}: no range lies between 0 and {lowered if largest_m < said_m else sensors}; "
-            "there is nothing to map"
+            f"{path}: no range lies between 0 and the sensor's {largest_m:g} m; there is nothing to map"
         )
     return log
 
@@ -195,12 +191,15 @@ def _ceiling(log: ScanLog) -> float:
 
     Scanners differ in the number that they report for "no return". If the largest range of a log occurs
     (within 1 cm) ten times and once in ten scans, it is taken for that number and not for a wall. Taken
-    wrongly, it costs these few beams.
+    wrongly, it costs these few beams. Where all readings are so far, it is a wall: no scan saw nothing else.
     """
     ranges = np.concatenate([scan.ranges_m for scan in log])
     ranges = ranges[np.isfinite(ranges)]
     largest_m = float(ranges.max(initial=0.0))
-    is_code = np.count_nonzero(ranges >= largest_m - 0.01) >= max(10, len(log) / 10)
+    is_largest = ranges >= largest_m - 0.01
+    is_code = np.count_nonzero(is_largest) >= max(10, len(log) / 10) and bool(
+        (ranges[~is_largest] > 0.0).any()
+    )
     return largest_m if largest_m < log.geometry.range_max_m and is_code else log.geometry.range_max_m
 
 

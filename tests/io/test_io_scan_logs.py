@@ -61,7 +61,7 @@ UNUSABLE = {
     ":1: the laser's pose x -1e+308, y 0 lies more": ["FLASER 3 1 2 3 -1e308 0 0 0 0 0 1 h 1"],
     ":1: the odometry has a heading of -1e+308 rad": ["FLASER 3 1 2 3 0 0 0 0 0 -1e308 1 h 1"],
     ":2: the odometry has a heading": ["1 0 0 90000 3 1 2 3", "2 0 0 1.1e5 3 1 2 3"],
-    "between 0 and 3 m, where readings pile up": [f"{k} 0 0 0 3 3.0 3.0 3.0" for k in range(10)],
+    "between 0 and the sensor's 81.8 m": [f"{k} 0 0 0 3 81.8 81.8 81.8" for k in range(10)],
     "every range": ["1 0 0 0 3 nan nan inf", "2 0 0 0 3 nan nan nan"],
     "no range lies between 0 and the sensor's 81.8 m": [f"{k} 0 0 0 3 0 0 90" for k in range(2)],
 }
@@ -81,6 +81,12 @@ def error_of(path: Path) -> str:
     assert "\n" not in message
     assert str(path) in message
     return message
+
+
+def test_readings_that_are_all_alike_are_a_wall(tmp_path: Path) -> None:
+    log = read_scan_log(written(tmp_path, *(f"{k} 0 0 0 3 3.0 3.0 3.0" for k in range(10))))
+    assert log.geometry.range_max_m == 81.8
+    assert log.scans[0].ranges_m.tolist() == [3.0] * 3
 
 
 def test_flaser_gives_stamp_odometry_and_ranges(tmp_path: Path) -> None:
