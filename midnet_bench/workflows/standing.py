@@ -188,8 +188,8 @@ def headline(results: Results) -> Headline:
             costs_of(results).write(results.directory)
         own = _stored_costs(results.directory)
     table = standing(results, {**_stored_costs(reference_folder()), **own})
-    write_atomically(results.directory / f"{NAME}.md", page(table))
     table.write(results.directory)
+    write_atomically(results.directory / f"{NAME}.md", page(table))  # in the place of the bare table
     lines = [f"The best is {table.rows[0]['method']} with {_text(table.rows[0][SCORE])}."]
     for row in table.rows:
         if str(row["method"]).endswith(YOURS):

@@ -64,6 +64,7 @@ def test_ones_own_detector_stands_among_the_shipped_ones_and_a_shipped_one_is_co
     frame.to_csv(path, index=False)
     again = worked("report", "mine", "-q", folder=ground)
     assert own["digest"] in again.stdout
+    assert (ground / "mine" / "leaderboard.md").read_text(encoding="utf-8").startswith("# Leaderboard\n")
     assert "midnet: scores differ from the committed ones" in again.stdout
 
 
