@@ -34,6 +34,7 @@ PLAIN = {
     r"Input should be a valid integer(, unable to parse string as an integer)?": "a whole number is needed",
     r"Input should be a valid number(, unable to parse string as a number)?": "a number is needed",
     r"Input should be a finite number": "a finite number is needed",
+    r"Input should be a valid boolean(, unable to interpret input)?": "true or false is needed",
     r"Missing argument 'DIR'\.": "give a campaign's folder, such as results/detection",
 }
 """what the parsers of the command line and of settings say -> what a user reads"""

@@ -59,6 +59,7 @@ WRONG: list[tuple[str, str]] = [
     ("detection --seed abc", "--seed: a whole number is needed"),
     ("detection --jobs 0", "--jobs: must be at least 1"),
     ("render --speed fast", "--speed: a number is needed"),
+    ("labyrinth --set pursuit_ignores_allies=maybe", "true or false is needed"),
     ("detection --sedes 3", "No such option: --sedes"),
     ("detection --preset nearest", "'nearest' is not one of 'paper', 'best'"),
     ("detection --arena map9", "no arena is called 'map9'; did you mean 'map2'?"),
