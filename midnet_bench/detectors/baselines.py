@@ -14,7 +14,7 @@ import numpy.typing as npt
 from midnet_bench.elementary import exp, sin
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats, Indices, Scan, lengths, mean_point
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_to_unset, values_at
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of, cells_to_unset, values_at
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.settings import option
@@ -192,7 +192,7 @@ class RunningMean(_ScanDetector):
     def _marked(self, points: Floats) -> npt.NDArray[np.bool_]:
         grid = self.prior_map
         cells = np.zeros(grid.data.shape, np.bool_)
-        columns, rows = np.floor((points - grid.origin) / grid.resolution).astype(np.int64).T
+        columns, rows = cells_of(grid, points).T
         inside = (columns >= 0) & (columns < grid.width) & (rows >= 0) & (rows < grid.height)
         cells[rows[inside], columns[inside]] = True
         return cells

@@ -22,7 +22,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Point, Solid, dense_outline, lengths
-from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, cells_to_unset, connected_to
+from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, cells_of, cells_to_unset, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.map_server import load_map, read_image
@@ -249,8 +249,7 @@ def is_seen(solid: Solid, solids: tuple[Solid, ...], reachable: OccupancyGrid, r
     along = np.arange(0.0, range_m, _STEP_M)
     for point, free_m in zip(points, ranges_m, strict=True):
         lines = point + along[None, :, None] * ways[:, None]
-        cells = np.floor((lines - reachable.origin) / reachable.resolution).astype(np.int64)
-        column, row = cells[..., 0], cells[..., 1]
+        column, row = np.moveaxis(cells_of(reachable, lines), -1, 0)
         lit = (along[None] < free_m[:, None]) & (column >= 0) & (row >= 0)
         lit &= (column < reachable.width) & (row < reachable.height)
         if reachable.data[row[lit], column[lit]].any():

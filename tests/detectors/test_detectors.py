@@ -10,7 +10,7 @@ from midnet_bench.detectors.baselines import CircleClusters, MapSubtraction, Run
 from midnet_bench.detectors.detector_node import WallEvidence
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, Scan
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, cells_of
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.robots.turtlebot3 import LDS_01
 
@@ -111,6 +111,15 @@ def test_the_background_swallows_what_stands_still_and_map_subtraction_does_not(
     assert {one for one, _ in counts[:30]} == {1}
     assert {one for one, _ in counts[40:]} == {0}, "0.69 of ten seconds are over"
     assert {other for _, other in counts} == {1}
+
+
+def test_a_return_on_a_cells_edge_is_in_the_cell_that_the_grid_says() -> None:
+    grid = OccupancyGrid(np.zeros((40, 40), np.int8), 0.05, (0.0, 0.0))
+    background = RunningMean(grid, RANGE_M)
+    for cell in range(1, 40):
+        point = np.array([[round(cell * 0.05, 2), 0.025]])  # 0.15 / 0.05 is below 3
+        assert cells_of(grid, point).tolist() == [[cell, 0]]
+        assert np.flatnonzero(background._marked(point)[0]).tolist() == [cell]
 
 
 def test_groups_are_cut_where_returns_are_apart_and_go_round() -> None:
