@@ -9,7 +9,7 @@ tests pin an example of each.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -172,11 +172,14 @@ def fuse_team(found: Sequence[BoxArray], squares: BoxArray, settings: MIDNetSett
     ``found`` has each robot's boxes, ``squares`` each robot's of :func:`ally_squares`, and behind them those
     of further allies.
     """
-    boxes, robots = np.concatenate(found), np.repeat(np.arange(len(found)), [len(own) for own in found])
-    bounds = np.arange(len(squares) + 1)  # allies count as robots that find nothing
-    starts, remove = np.searchsorted(robots, bounds), REMOVE[settings.ally_remove]
-    kept, removed = remove_ally_detections(boxes, starts, squares, settings.iou_ally, remove)
-    starts = np.searchsorted(robots[kept], bounds)
+    boxes, remove = np.concatenate(found), REMOVE[settings.ally_remove]
+    counts = [len(own) for own in found] + [0] * (
+        len(squares) - len(found)
+    )  # allies are robots that find nothing
+    bounds = np.array([*accumulate(counts, initial=0)])
+    kept, removed = remove_ally_detections(boxes, bounds, squares, settings.iou_ally, remove)
+    starts = np.searchsorted(kept, bounds)
     lists = [kept[begin:end] for begin, end in pairwise(starts.tolist())]
     fused = divide_and_conquer(lists, 0, len(lists) - 1, boxes, settings.iou_fuse)
-    return TeamBoxes(boxes[fused], robots[fused], kept, starts, removed, squares)
+    found_by = np.searchsorted(bounds[1:], fused, side="right")
+    return TeamBoxes(boxes[fused], found_by, kept, starts, removed, squares)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D, cell_along
+from midnet_bench.geometry import Box, Floats, Indices, LidarGeometry, Point, Pose2D, cell_along, lengths
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid, same_resolution
 from midnet_bench.navigation.navigation_settings import CostmapSettings
 
@@ -21,6 +21,10 @@ FREE_SPACE = 0
 INSCRIBED = 253  # the robot's centre here means contact, whatever its heading
 LETHAL = 254  # an obstacle is in this cell
 NO_INFORMATION = 255
+
+SINCE_COSTS, SINCE_PLAN = 0, 1
+"""index of a rectangle of ``Costmap.touched``"""
+NOWHERE = (2**31, 2**31, 0, 0)  # a rectangle that grows to whatever it takes in
 
 PUBLISHED = np.array([0, *(1 + 97 * np.arange(252) // 251), 99, OCCUPIED, UNKNOWN], dtype=np.int8)
 """(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
@@ -67,19 +71,23 @@ class Costmap:
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
         self.marks: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
         """(H, W) uint8: free (0), an obstacle (254) or unseen (255)"""
+        self.touched: Indices = np.empty((0, 4), dtype=np.int64)
+        """(k, 4) rectangles x0, y0, x1, y1 in cells, each of which grows to hold all marks that may change"""
         self._costs: Cells | None = None
         self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
         cleared = settings.footprint if settings.footprint_clearing else np.empty((0, 2))
         self._footprint_cells = np.array(cleared) / settings.resolution
         self._raytrace_cells = reach_cells(settings.raytrace_range_m, settings.resolution)
+        reach_m = max(settings.obstacle_range_m, *lengths(np.array(cleared).reshape(-1, 2)), 0.0)
+        self._touched_cells = 1 + max(self._raytrace_cells, reach_cells(reach_m, settings.resolution))
         self._lattice = (float(lattice_origin[0]), float(lattice_origin[1]), float(settings.resolution))
 
     @property
     def costs(self) -> Cells:
         """(H, W) uint8 costs, row 0 lowest y; computed on first use after a change. Not to be written to."""
         if self._costs is None:
-            self._costs = np.asarray(inflate(self._obstacles(), self._inflation))
+            self._costs = self._inflated()
         return self._costs
 
     @property
@@ -118,6 +126,7 @@ class Costmap:
                 self.marks.fill(self._unseen)
             is_old = self._marked_at_s < time_s - settings.memory_s
             self.marks[(self.marks == LETHAL) & is_old] = FREE_SPACE
+            self._touch_all()
         marked = take_scan(
             self.marks,
             (*self._lattice, float(self.column), float(self.row)),
@@ -129,6 +138,8 @@ class Costmap:
             self._raytrace_cells,
             settings.inf_is_valid,
             self._footprint_cells,
+            self.touched,
+            self._touched_cells,
         )
         if not self._remembers_for_ever:
             self._marked_at_s.reshape(-1)[marked] = time_s
@@ -147,6 +158,7 @@ class Costmap:
         cleared = np.full_like(self.marks, self._unseen)
         cleared[kept] = self.marks[kept]
         self.marks = cleared
+        self._touch_all()
         self._costs = None
 
     def published(self) -> OccupancyGrid:
@@ -166,9 +178,14 @@ class Costmap:
     def _follow(self, pose: Pose2D) -> None:
         """Move the costmap to the robot, if it is a window."""
 
-    def _obstacles(self) -> Cells:
-        """(H, W) uint8: what is inflated."""
-        return self.marks
+    def _touch_all(self) -> None:
+        """Let marks count as changed everywhere."""
+        height, width = self.marks.shape
+        self.touched[:] = 0, 0, width, height
+
+    def _inflated(self) -> Cells:
+        """(H, W) uint8: the costs of the marks as they are."""
+        return np.asarray(inflate(self.marks, self._inflation))
 
 
 def _moved(
@@ -215,6 +232,8 @@ class GlobalCostmap(Costmap):
 
     def __init__(self, settings: CostmapSettings, static_map: OccupancyGrid) -> None:
         super().__init__(settings, static_map.width, static_map.height, static_map.origin)
+        self.touched = np.empty((2, 4), dtype=np.int64)
+        """since the newest costs, and since the planner set its own (``SINCE_PLAN``) to ``NOWHERE``"""
         self.set_static(static_map)
 
     def set_static(self, static_map: OccupancyGrid) -> None:
@@ -230,13 +249,30 @@ class GlobalCostmap(Costmap):
             )
         x, y = self.to_cells(*static_map.origin)
         self._move_to(self.column + round(x), self.row + round(y), static_map.width, static_map.height)
-        self.static = static_layer(static_map, self.settings.track_unknown)
-        self.static_costs: Cells = inflate(self.static, self._inflation)  # the costs without any obstacle
+        values = static_map.data
+        self.static, self.static_costs = _static_layers(
+            values.tobytes(), values.dtype, values.shape, self.settings
+        )
+        """(H, W) uint8 the map's obstacles, and the costs without any other"""
+        self._newest = self.static_costs.copy()
+        self._touch_all()
         self._costs = None
 
-    def _obstacles(self) -> Cells:
-        # the higher of both; unknown gives way to known (combination method 1), as 255 + 1 is 0 in a byte
-        return np.asarray(np.maximum(self.static + np.uint8(1), self.marks + np.uint8(1)) - np.uint8(1))
+    def _inflated(self) -> Cells:
+        touched = self.touched[SINCE_COSTS]
+        inflate_within(touched, self.static, self.marks, self._inflation, self._newest)
+        touched[:] = NOWHERE
+        return self._newest
+
+
+@functools.lru_cache(maxsize=4)  # the costmaps of a team share them: not to be written to
+def _static_layers(
+    values: bytes, dtype: npt.DTypeLike, shape: tuple[int, int], settings: CostmapSettings
+) -> tuple[Cells, Cells]:
+    """Two of ``shape``, uint8: the static layer of a map's values, and its costs."""
+    data = np.frombuffer(values, dtype=dtype).reshape(shape)
+    layer = static_layer(OccupancyGrid(data, settings.resolution, (0.0, 0.0)), settings.track_unknown)
+    return layer, inflate(layer, inflation_costs(settings, settings.inflation_radius_m))
 
 
 def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
@@ -372,11 +408,15 @@ def take_scan(
     raytrace_cells: int,
     inf_is_valid: bool,
     footprint: Floats,
+    touched: Indices,
+    touched_cells: int,
 ) -> Indices:
     """``integrate_scan`` of a LiDAR on a robot, then ``clear_footprint`` of that robot; what was marked.
 
     ``frame``: x and y of the lattice's corner and a cell's side, metres, and the column and row on it where
     ``cells`` begin. ``pose``: the robot's; ``mount``: the LiDAR's in the robot's frame, metres and radians.
+    ``touched``: (k, 4) rectangles, x0, y0, x1, y1 in cells, which grow to hold all that may change: what lies
+    within ``touched_cells`` of robot and LiDAR.
     """
     left, bottom, resolution, column, row = frame
     c, s = cos_sin(pose[2])
@@ -387,6 +427,13 @@ def take_scan(
     )
     robot = (pose[0] - left) / resolution - column, (pose[1] - bottom) / resolution - row, pose[2]
     clear_footprint(cells, footprint, robot)
+    height, width = cells.shape
+    reach = touched_cells + (abs(mount[0]) + abs(mount[1])) / resolution
+    for box in touched:
+        box[0] = min(box[0], int(min(max(sensor[0] - reach, 0.0), width)))
+        box[1] = min(box[1], int(min(max(sensor[1] - reach, 0.0), height)))
+        box[2] = max(box[2], int(min(max(sensor[0] + reach + 1.0, 0.0), width)))
+        box[3] = max(box[3], int(min(max(sensor[1] + reach + 1.0, 0.0), height)))
     return marked
 
 
@@ -469,38 +516,63 @@ def inflate(base: Cells, cost_by_squared_distance: Cells) -> Cells:
     limit = len(cost_by_squared_distance) - 1
     reach = round(math.sqrt(limit))
     far = np.int16(reach + 1)
+    # Each row has ``reach`` cells behind it in which nothing lies, so that no row sees the next one's.
+    stride = width + reach
+    gap = np.full((height + 2, stride), far, dtype=np.int16)
     # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
-    gap = np.full((height + 2, width), far, dtype=np.int16)
     for row in range(height):
         cells, below, here = base[row], gap[row], gap[row + 1]
         for x in range(width):
             here[x] = 0 if cells[x] == LETHAL else min(np.int16(below[x] + 1), far)
-    costs = base.copy()
-    padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
-    squared = np.empty(width, dtype=np.int16)
     for row in range(height - 1, -1, -1):
-        above, here, nearest = gap[row + 2], gap[row + 1], far
+        above, here = gap[row + 2], gap[row + 1]
         for x in range(width):
             here[x] = min(np.int16(above[x] + 1), here[x])
+    count = height * stride
+    along_columns = np.full(count + 2 * reach, far * far, dtype=np.int16)
+    gaps, squared = gap.reshape(-1)[stride : stride + count], along_columns[reach : reach + count]
+    for i in range(count):
+        squared[i] = gaps[i] * gaps[i]
+    squared = squared.copy()
+    for offset in range(1, reach + 1):
+        left = along_columns[reach - offset : reach - offset + count]
+        right = along_columns[reach + offset : reach + offset + count]
+        added = np.int16(offset * offset)
+        for i in range(count):
+            squared[i] = min(squared[i], np.int16(min(left[i], right[i]) + added))
+    cost_of = np.zeros(far * far + 1, dtype=np.uint8)
+    cost_of[: limit + 1] = cost_by_squared_distance
+    costs = np.empty_like(base)
+    for row in range(height):
+        known, here, raised = base[row], squared[row * stride : row * stride + width], costs[row]
         for x in range(width):
-            nearest = min(nearest, here[x])
-        if nearest == far:
-            continue
-        for x in range(width):
-            squared[x] = here[x] * here[x]
-        padded[reach : reach + width] = squared
-        # what lies farther aside is beyond the reach of all that this row's columns have
-        for offset in range(1, int(math.sqrt(limit - nearest * nearest)) + 1):
-            left = padded[reach - offset : reach - offset + width]
-            right = padded[reach + offset : reach + offset + width]
-            added = np.int16(offset * offset)
-            for x in range(width):
-                squared[x] = min(squared[x], np.int16(min(left[x], right[x]) + added))
-        row_of_costs = costs[row]
-        for x in range(width):
-            if squared[x] <= limit:
-                cost = cost_by_squared_distance[squared[x]]
-                old = row_of_costs[x]
-                if (old == NO_INFORMATION and cost >= INSCRIBED) or (old != NO_INFORMATION and cost > old):
-                    row_of_costs[x] = cost
+            cost, old = cost_of[np.uint16(here[x])], known[x]
+            is_raised = cost >= INSCRIBED if old == NO_INFORMATION else cost > old
+            raised[x] = cost if is_raised else old
     return costs
+
+
+@njit
+def inflate_within(
+    touched: Indices, static: Cells, marks: Cells, cost_by_squared_distance: Cells, costs: Cells
+) -> None:
+    """Bring the ``costs`` of a static layer and marks up to date, after marks have changed.
+
+    ``touched``: (4,) x0, y0, x1, y1 in cells: the rectangle, empty perhaps, in which they have.
+    """
+    x0, y0, x1, y1 = touched
+    if x0 >= x1 or y0 >= y1:
+        return
+    height, width = costs.shape
+    reach = round(math.sqrt(len(cost_by_squared_distance) - 1))
+    left, right = max(x0 - reach, 0), min(x1 + reach, width)
+    low, high = max(y0 - reach, 0), min(y1 + reach, height)
+    column, row = max(left - reach, 0), max(low - reach, 0)  # what lies as far again counts there
+    base = np.empty((min(high + reach, height) - row, min(right + reach, width) - column), dtype=np.uint8)
+    for y in range(base.shape[0]):
+        below, above, here = static[row + y, column:], marks[row + y, column:], base[y]
+        for x in range(len(here)):
+            # the higher of both; unknown gives way to known (combination method 1), as 255 + 1 is 0 in a byte
+            here[x] = np.uint8(max(np.uint8(below[x] + 1), np.uint8(above[x] + 1)) - 1)
+    inflated = inflate(base, cost_by_squared_distance)
+    costs[low:high, left:right] = inflated[low - row : high - row, left - column : right - column]

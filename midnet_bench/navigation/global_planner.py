@@ -9,12 +9,14 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import hypot
-from midnet_bench.geometry import Floats, Point, Pose2D
+from midnet_bench.geometry import Floats, Indices, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
     INSCRIBED,
     LETHAL,
     NO_INFORMATION,
+    NOWHERE,
+    SINCE_PLAN,
     Cells,
     GlobalCostmap,
     inflation_costs,
@@ -85,7 +87,7 @@ class GlobalPlanner:
             place = costmap.origin, costmap.settings.resolution, self._change_cells
             is_old = time_s - self._computed_at_s > _GREATEST_AGE_S
             if not changed_near(costmap.marks, then, costmap.static_costs, path, *place) and not (
-                is_old and have_gone(costmap.marks, then, costmap.static_costs)
+                is_old and have_gone(costmap.marks, then, costmap.static_costs, costmap.touched[SINCE_PLAN])
             ):
                 return path
         if time_s - self._computed_at_s < _REPLAN_PERIOD_S:
@@ -93,6 +95,7 @@ class GlobalPlanner:
         costs = self._grid(costmap.costs)
         self._potential = potential_to(goal, costs, near=(pose.x, pose.y), tolerance_m=self._goal_tolerance_m)
         self._obstacles_then = costmap.marks.copy()
+        costmap.touched[SINCE_PLAN] = NOWHERE
         self._computed_at_s = time_s
         self.is_covered = self._has_no_room_at(goal)
         # A goal that plans end beside is looked at again as often as the period allows.
@@ -131,9 +134,8 @@ class GlobalPlanner:
         cell = int(y), int(x)
         if self._costmap.costs[cell] >= self._tight_cost > self._costmap.static_costs[cell]:
             return True
-        reached = np.count_nonzero(self._potential.values < UNREACHED)
         cell_m = self._costmap.settings.resolution
-        return bool(reached * cell_m * cell_m < _POCKET_M2)
+        return self._potential.reached * cell_m * cell_m < _POCKET_M2
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +147,7 @@ class Potential:
     origin: Point
     goal: Point
     settled_below: float  # potentials below this are final; a robot beyond it needs another wave
+    reached: int  # how many cells the wave came to
 
     def path_from(self, x: float, y: float, until_m: float = math.inf) -> Floats | None:
         """(N, 2) points to the goal exactly, or to the first farther than ``until_m``, metres; or None.
@@ -183,8 +186,8 @@ def potential_to(
         if costs.contains_cell(near_column, near_row):
             start_cell = near_row * costs.width + near_column
             margin = _MARGIN_M / costs.resolution * NEUTRAL
-    values, settled_below = propagate(traversal, goal_cell, start_cell, margin)
-    return Potential(np.asarray(values), costs.resolution, costs.origin, goal, float(settled_below))
+    values, settled_below, reached = propagate(traversal, goal_cell, start_cell, margin)
+    return Potential(np.asarray(values), costs.resolution, costs.origin, goal, settled_below, reached)
 
 
 def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple[int, int] | None:
@@ -212,8 +215,10 @@ def traversal_costs(costs: Cells) -> Cells:
 
 
 @njit
-def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[Potentials, float]:
-    """(H, W) float32 potential, 0 in the goal cell, 1e10 where the wave did not come; and the settled bound.
+def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[Potentials, float, int]:
+    """(H, W) float32 potential, 0 in the goal cell; the settled bound; how many cells the wave came to.
+
+    The potential is 1e10 where the wave did not come.
 
     ``traversal``: (H, W) uint8 whose outer border is blocked. ``goal`` and ``start`` are flat cell indices.
     The wave stops once everything up to ``margin`` above the potential of ``start`` is settled; potentials
@@ -233,6 +238,7 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
     overflow = np.empty(cost.size + 1, dtype=np.uint32)
     n_current, n_following, n_overflow = 0, np.uint32(0), np.uint32(0)
     potential[goal] = 0.0
+    reached = 1
     for step in (left, right, down, up):
         other = np.uint32(np.uint32(goal) + step)
         if cost[other] < BLOCKED:
@@ -255,6 +261,7 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
             value = np.float32(min(a, b) + (h if x >= np.float32(1.0) else rise))
             if value >= potential[cell]:
                 continue
+            reached += potential[cell] == UNREACHED
             potential[cell] = value
             # Each neighbour is written behind the queue's end, which moves on if it is to stay: no branch,
             # which the processor would guess wrong half the time.
@@ -276,11 +283,11 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
         n_current, n_following = int(n_following), np.uint32(0)
         if n_current == 0:
             if threshold > potential[start] + margin:
-                return potential.reshape(traversal.shape), float(threshold)
+                return potential.reshape(traversal.shape), float(threshold), reached
             threshold += np.float32(2 * NEUTRAL)
             current, overflow = overflow, current
             n_current, n_overflow = int(n_overflow), np.uint32(0)
-    return potential.reshape(traversal.shape), float(UNREACHED)
+    return potential.reshape(traversal.shape), float(UNREACHED), reached
 
 
 @njit
@@ -417,11 +424,19 @@ def changed_near(
     where it was. ``path``: (N, 2) metres, half a cell apart; every fourth point is looked at.
     """
     height, width = now.shape
+    column = row = -2 * radius - 1
     for i in range(0, len(path), 4):
+        before, under = column, row
         column = int((path[i, 0] - origin[0]) / resolution)
         row = int((path[i, 1] - origin[1]) / resolution)
         for y in range(max(row - radius, 0), min(row + radius + 1, height)):
-            for x in range(max(column - radius, 0), min(column + radius + 1, width)):
+            first, last = max(column - radius, 0), min(column + radius + 1, width)
+            if abs(y - under) <= radius:  # a row of the square before: what lies beside that is new
+                if column >= before:
+                    first = max(first, before + radius + 1)
+                else:
+                    last = min(last, before - radius)
+            for x in range(first, last):
                 is_lethal, was_lethal = now[y, x] == LETHAL, then[y, x] == LETHAL
                 if is_lethal == was_lethal or static_costs[y, x] >= INSCRIBED:
                     continue
@@ -433,13 +448,16 @@ def changed_near(
 
 
 @njit
-def have_gone(now: Cells, then: Cells, static_costs: Cells) -> bool:
-    """Whether any cell of the grid ceased to be lethal, by the rule of ``changed_near``."""
-    height, width = now.shape
-    for y in range(height):
-        if not _has_gone(now[y], then[y], static_costs[y]):
+def have_gone(now: Cells, then: Cells, static_costs: Cells, within: Indices) -> bool:
+    """Whether any cell of a rectangle ceased to be lethal, by the rule of ``changed_near``.
+
+    ``within``: (4,) x0, y0, x1, y1 in cells.
+    """
+    x0, y0, x1, y1 = within
+    for y in range(y0, y1):
+        if not _has_gone(now[y, x0:x1], then[y, x0:x1], static_costs[y, x0:x1]):
             continue
-        for x in range(width):
+        for x in range(x0, x1):
             if then[y, x] != LETHAL or now[y, x] == LETHAL or static_costs[y, x] >= INSCRIBED:
                 continue
             if not (now[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] == LETHAL).any():

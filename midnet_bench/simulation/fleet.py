@@ -1,5 +1,6 @@
 """``Fleet``: all robots of a world, stepped in lockstep on integer ticks; how far and whether they move."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -7,7 +8,8 @@ import numpy as np
 from midnet_bench.agents.mobile_robot import Dwell, MobileRobot
 from midnet_bench.arena.layout import Layout
 from midnet_bench.compiled import njit
-from midnet_bench.geometry import STOP, Booleans, Floats, Indices, Pose2D, lengths, wrap_angle
+from midnet_bench.elementary import hypot
+from midnet_bench.geometry import STOP, Booleans, Floats, Indices, Pose2D, wrap_angle
 from midnet_bench.localization.ukf import UkfTeam
 from midnet_bench.rng import stream
 from midnet_bench.simulation.sensors import EncoderOdometers, ImuSensors, LidarSensors
@@ -182,9 +184,7 @@ class HealthTracker:
     def update(self, poses: Floats) -> None:
         """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
         before, self._last = self._last, poses.copy()
-        ways_m = lengths(self._last[:, :2] - before[:, :2])
-        self.distances_m += np.where(np.isnan(ways_m), 0.0, ways_m)
-        self.crossings += crossed_wall(self._surfaces, before, self._last)
+        add_ways(self._surfaces, before, self._last, self.distances_m, self.crossings)
 
 
 class Standstill:
@@ -238,3 +238,16 @@ def crossed_wall(sides: Floats, before: Floats, after: Floats) -> Booleans:
                 crossed[i] = True
                 break
     return crossed
+
+
+@njit
+def add_ways(sides: Floats, before: Floats, after: Floats, distances_m: Floats, crossings: Indices) -> None:
+    """Add to n robots' distances and crossings what their ways come to, as for ``crossed_wall``.
+
+    NaN adds nothing.
+    """
+    crossings += crossed_wall(sides, before, after)
+    for i in range(len(before)):
+        way_m = hypot(after[i, 0] - before[i, 0], after[i, 1] - before[i, 1])
+        if not math.isnan(way_m):
+            distances_m[i] += way_m

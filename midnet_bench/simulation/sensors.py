@@ -225,9 +225,9 @@ class LidarSensors:
         rows = np.asarray(indices, dtype=np.int64)
         self.newest = self.true_scan(rows)
         ranges = self.measured(self.newest.ranges_m, rows, noise)
-        rngs = dropouts or self._dropout_rngs
-        for own, index in zip(ranges, indices, strict=True):
-            if self._dropout > 0.0:
+        if self._dropout > 0.0:
+            rngs = dropouts or self._dropout_rngs
+            for own, index in zip(ranges, indices, strict=True):
                 own[rngs[index].random(len(own)) < self._dropout] = np.inf
         return ranges
 

@@ -155,6 +155,8 @@ class World:
         if self._is_checked and not ((contacts == 0.0) | (contacts == 1.0)).all():
             raise self._wrong("contacts", "True or False is needed of each robot")
         is_touching = (contacts == 1.0) & self._active
+        if not is_touching.any():
+            return
         self._collisions += is_touching & (self.tick - self._last_touch > EPISODE_GAP_S * self.step_hz)
         self._last_touch[is_touching] = self.tick
 

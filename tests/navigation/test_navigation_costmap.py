@@ -14,6 +14,7 @@ from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
     LETHAL,
+    NOWHERE,
     PUBLISHED,
     GlobalCostmap,
     RollingCostmap,
@@ -397,6 +398,29 @@ def test_bounded_updates_equal_a_costmap_made_in_one_go(track_unknown: bool) -> 
             assert np.array_equal(costmap.costs, full_costs(costmap))
     costmap.clear_outside(2.0, 5.0, 3.0)
     assert np.array_equal(costmap.costs, full_costs(costmap))
+
+
+@pytest.mark.parametrize(("footprint_m", "ahead_m"), [(0.1, 0.0), (0.1, 0.9), (2.5, 0.0), (2.5, -0.9)])
+def test_what_a_scan_changes_lies_in_the_rectangles_that_it_touches(
+    footprint_m: float, ahead_m: float
+) -> None:
+    corners = tuple((footprint_m * x, footprint_m * y) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    reach = dict(obstacle_range_m=1.2, raytrace_range_m=1.5, footprint=corners, footprint_clearing=True)
+    costmap = GlobalCostmap(dataclasses.replace(BARE, **reach), empty_map(200))
+    lidar = dataclasses.replace(LDS_01, mount=Pose2D(ahead_m, 0.0, 0.0))
+    rng, changed = np.random.default_rng(5), 0
+    for step in range(30):
+        costmap.marks[:] = np.where(rng.random(costmap.marks.shape) < 0.5, LETHAL, 0)
+        before = costmap.marks.copy()
+        costmap.touched[:] = NOWHERE
+        pose = Pose2D(*rng.uniform(-0.5, 10.5, 2), rng.uniform(-3.0, 3.0))
+        costmap.update(pose, rng.uniform(0.1, 3.6, lidar.beams), lidar, 0.2 * step)
+        rows, columns = np.nonzero(costmap.marks != before)
+        for x0, y0, x1, y1 in costmap.touched.tolist():
+            assert ((x0 <= columns) & (columns < x1) & (y0 <= rows) & (rows < y1)).all()
+            assert (x1 - x0) * (y1 - y0) < before.size
+        changed += len(rows)
+    assert changed > 1000
 
 
 def test_clearing_keeps_what_lies_strictly_inside_the_square() -> None:

@@ -235,4 +235,10 @@ def test_whether_an_obstacle_has_gone(
     for grid, cells in zip(grids, (now, then, then if wall else []), strict=True):
         for cell in cells:
             grid[cell] = LETHAL
-    assert have_gone(*grids) is has_gone
+    assert have_gone(*grids, np.array([0, 0, 10, 10])) is has_gone
+    rows, columns = np.nonzero(grids[0] != grids[1])
+    if len(rows):
+        x1, y1 = columns.max() + 1, rows.max() + 1
+        assert have_gone(*grids, np.array([columns.min(), rows.min(), x1, y1])) is has_gone
+        assert not have_gone(*grids, np.array([x1, 0, 10, 10]))
+        assert not have_gone(*grids, np.array([0, y1, 10, 10]))
