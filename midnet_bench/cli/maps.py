@@ -33,7 +33,7 @@ def make_map(
         str | None,
         typer.Argument(
             autocompletion=options.offer_arenas,
-            help="The arena to explore: map1, map2, empty, or a YAML file.",
+            help="The arena to explore: a packaged one or a YAML file.",
         ),
     ] = None,
     robots: options.Number = None,

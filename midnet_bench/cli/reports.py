@@ -285,7 +285,8 @@ def errors(
 @command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
 def render(
     experiment: Annotated[
-        str, typer.Argument(autocompletion=options.offer_experiments, help="detection or labyrinth.")
+        str,
+        typer.Argument(autocompletion=options.offer_experiments, help="detection, labyrinth, or your own."),
     ] = "detection",
     robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
     intruders: options.Number = None,

@@ -1,5 +1,6 @@
 """What the program says of itself: without arguments, and for each command."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,13 @@ from pathlib import Path
 import pytest
 import typer.main
 
+from midnet_bench.agents.agent_settings import PATROLS, PURSUITS
 from midnet_bench.cli.app import PANELS, app
+from midnet_bench.cli.options import OPTIONS
+from midnet_bench.plugins import DETECTORS, FUSIONS, ExtensionPoint
+from midnet_bench.robots.model import ROBOTS
+from midnet_bench.scoring.metric import METRICS
+from midnet_bench.simulation.engine import SIMULATORS
 from tests.cli.command import midnet_bench, one_line_of_complaint
 
 
@@ -61,6 +68,23 @@ def test_trials_is_another_name_of_seeds(tmp_path: Path) -> None:
 @pytest.mark.parametrize("words", ["campaigns", "plot results/detection", "detection --robot waffle"])
 def test_what_there_is_not_is_refused_with_a_near_name(words: str, tmp_path: Path) -> None:
     assert "No such" in one_line_of_complaint(midnet_bench(*words.split(), folder=tmp_path))
+
+
+@pytest.mark.parametrize(
+    "point",
+    [DETECTORS, FUSIONS, PATROLS, PURSUITS, METRICS, SIMULATORS, ROBOTS],
+    ids=lambda point: point.option,
+)
+def test_help_names_what_comes_with_the_package_at_each_extension_point(
+    point: ExtensionPoint, tmp_path: Path
+) -> None:
+    option = OPTIONS.get(point.option, point.option)
+    text = midnet_bench("run", "-h", folder=tmp_path).stdout.partition(f"\n  --{option} NAME ")[2]
+    words = re.findall(r"\w+", re.split(r"\n  -|\n\n", text)[0])
+    assert set(point.own) <= set(words)
+    assert "file.py:NAME" in re.split(r"\n  -|\n\n", text)[0]
+    kind = option.removesuffix("-model")
+    assert kind in re.findall(r"\w+", midnet_bench("check", "-h", folder=tmp_path).stdout)
 
 
 @pytest.mark.slow
