@@ -172,9 +172,9 @@ def results_folder(metavar: str, help: str) -> Any:
 
 
 # of a campaign, by heading
-_runs = partial(typer.Option, rich_help_panel="What runs")
-_swapped = partial(typer.Option, metavar="NAME", rich_help_panel="What is swapped in")
-_goes = partial(typer.Option, rich_help_panel="Where it goes")
+_run_option = partial(typer.Option, rich_help_panel="What runs")
+_plugin_option = partial(typer.Option, metavar="NAME", rich_help_panel="What is swapped in")
+_output_option = partial(typer.Option, rich_help_panel="Where it goes")
 # of a campaign and of other commands
 MAP: Any = {"metavar": "FILE", "help": "Prior map: the YAML file of a ROS map_server map."}
 ARENA: Any = {"metavar": "ARENA", "autocompletion": offer_arenas}
@@ -189,8 +189,8 @@ Map = Annotated[Path | None, typer.Option("--map", **MAP)]
 Arena = Annotated[str | None, typer.Option(**ARENA)]
 Plugin = Annotated[str | None, typer.Option(metavar="NAME")]
 Number = Annotated[int | None, typer.Option(metavar="N")]
-Numbers = Annotated[str | None, _runs(metavar="N,N")]
-Swapped = Annotated[str | None, _swapped()]
+Numbers = Annotated[str | None, _run_option(metavar="N,N")]
+CampaignPlugin = Annotated[str | None, _plugin_option()]
 Jobs = Annotated[int | None, typer.Option(**JOBS)]
 Json = Annotated[bool, typer.Option("--json", **JSON)]
 Wide = Annotated[bool, typer.Option("--wide", **WIDE)]
@@ -224,7 +224,7 @@ class Campaign:
 
     seeds: Annotated[
         int | None,
-        _runs(
+        _run_option(
             "--seeds",
             "--trials",
             metavar="N",
@@ -235,57 +235,62 @@ class Campaign:
     ] = None
     seed: Annotated[
         int | None,
-        _runs(
+        _run_option(
             metavar="N", min=0, help="First seed; the others count up from it (default 1, or the campaign's)."
         ),
     ] = None
     robots: Numbers = None
     intruders: Numbers = None
     frames: Numbers = None
-    arena: Annotated[str | None, _runs(**ARENA)] = None
-    preset: Annotated[Literal["paper", "best"] | None, _runs(metavar="paper|best")] = None
-    engine: Swapped = None
-    robot_model: Swapped = None
-    detector: Swapped = None
-    fusion: Swapped = None
-    patrol: Swapped = None
-    pursuit: Swapped = None
-    metric: Annotated[list[str] | None, _swapped()] = None
+    arena: Annotated[str | None, _run_option(**ARENA)] = None
+    preset: Annotated[Literal["paper", "best"] | None, _run_option(metavar="paper|best")] = None
+    engine: CampaignPlugin = None
+    robot_model: CampaignPlugin = None
+    detector: CampaignPlugin = None
+    fusion: CampaignPlugin = None
+    patrol: CampaignPlugin = None
+    pursuit: CampaignPlugin = None
+    metric: Annotated[list[str] | None, _plugin_option()] = None
     record: Annotated[
         bool,
-        _runs(
+        _run_option(
             "--record",
             help="Keep each frame for the player, and the cause of each error of the detection test, which "
             "does so by itself for up to four trials.",
         ),
     ] = False
-    map_file: Annotated[Path | None, _runs("--map", **MAP)] = None
+    map_file: Annotated[Path | None, _run_option("--map", **MAP)] = None
     settings: Annotated[
         list[str] | None,
-        _runs("--set", help=f"{ANY} KEY=VALUE,VALUE runs each value. May be repeated.", **SET),
+        _run_option("--set", help=f"{ANY} KEY=VALUE,VALUE runs each value. May be repeated.", **SET),
     ] = None
     output: Annotated[
         Path | None,
-        _goes("-o", "--output", metavar="DIR", help="Folder for the results (default results/CAMPAIGN)."),
+        _output_option(
+            "-o", "--output", metavar="DIR", help="Folder for the results (default results/CAMPAIGN)."
+        ),
     ] = None
-    jobs: Annotated[int | None, _goes(**JOBS)] = None
-    backend: Annotated[str, _goes(metavar="NAME", help="Where trials run: loky (this machine) or dask.")] = (
-        "loky"
-    )
+    jobs: Annotated[int | None, _output_option(**JOBS)] = None
+    backend: Annotated[
+        str, _output_option(metavar="NAME", help="Where trials run: loky (this machine) or dask.")
+    ] = "loky"
     scheduler: Annotated[
         str | None,
-        _goes(
+        _output_option(
             metavar="ADDRESS",
             help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
         ),
     ] = None
-    dry_run: Annotated[bool, _goes("--dry-run", "-n", help="Say what would run, and stop.")] = False
+    dry_run: Annotated[bool, _output_option("--dry-run", "-n", help="Say what would run, and stop.")] = False
     fresh: Annotated[
-        bool, _goes("--fresh", help="Start over; the old results database is kept beside the new one.")
+        bool,
+        _output_option("--fresh", help="Start over; the old results database is kept beside the new one."),
     ] = False
-    retry_failed: Annotated[bool, _goes("--retry-failed", help="Run trials that failed once more.")] = False
-    as_json: Annotated[bool, _goes("--json", **JSON)] = False
-    wide: Annotated[bool, _goes("--wide", **WIDE)] = False
+    retry_failed: Annotated[
+        bool, _output_option("--retry-failed", help="Run trials that failed once more.")
+    ] = False
+    as_json: Annotated[bool, _output_option("--json", **JSON)] = False
+    wide: Annotated[bool, _output_option("--wide", **WIDE)] = False
 
     def sweep(self, experiment: str) -> "dict[str, Values]":
         """The parameters of the command line by key; several values make a factor of the grid.

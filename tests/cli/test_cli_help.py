@@ -55,6 +55,14 @@ def test_what_runs_campaigns_shares_its_options_under_three_headings(name: str, 
         assert all(text.index(option) < later for later in places[place + 1 :])
 
 
+def test_every_argument_and_option_has_help_or_is_a_parameter_that_the_command_s_experiment_lacks() -> None:
+    commands = typer.main.get_command(app).commands
+    listed = [*commands.values(), *commands["arena"].commands.values()]
+    without = {(command.name, one.name) for command in listed for one in command.params if not one.help}
+    assert without == {("labyrinth", "frames"), ("detection", "pursuit")}
+    assert all(one.hidden == (not one.help) for command in listed for one in command.params)
+
+
 def test_trials_is_another_name_of_seeds(tmp_path: Path) -> None:
     plans = {
         midnet_bench("labyrinth", name, 20, "-n", folder=tmp_path).stdout for name in ("--trials", "--seeds")
