@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from midnet_bench import __version__
 from midnet_bench.cli import options
@@ -36,7 +36,7 @@ class Command(TyperCommand):
         """As Typer makes one."""
         super().__init__(name, **more)
         for option in self.params:
-            if option.help is None and option.name in options.PARAMETERS:
+            if isinstance(option, TyperOption) and option.help is None and option.name in options.PARAMETERS:
                 option.help = options.help_of(option.name, str(name))
                 option.hidden = option.help is None
 
