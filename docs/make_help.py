@@ -3,41 +3,38 @@
 Commands print what stands there: the declarations need numpy and pydantic, which take half a second.
 """
 
+import inspect
 import json
 import re
 from pathlib import Path
 
-import typer.main
-
 import midnet_bench
 from midnet_bench.campaign.definition import load_campaign
 from midnet_bench.cli.app import app
-from midnet_bench.cli.options import EXPERIMENT_OF, HELP, KEY_OF, NUMBERS, PARAMETER
+from midnet_bench.cli.options import HELP, NUMBERS, PARAMETERS
 from midnet_bench.experiments.registry import parameters_model
 from midnet_bench.settings import leaves
 from midnet_bench.workflows.campaigns import packaged_campaigns
 
+EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "mapping"}
+"""command -> the experiment that its parameters are of"""
+
 
 def page() -> str:
-    """Command -> option -> what its help says: the first sentence of its parameter, range and default.
-
-    An option that the command's experiment does not have is left out.
-    """
-    texts = {
-        command: {
-            option.name: text
-            for option in made.params
-            if option.name and getattr(option, "help", None) == PARAMETER
-            if (text := help_of(option.name, command)) is not None
-        }
-        for command, made in typer.main.get_command(app).commands.items()
-    }
-    return json.dumps({command: options for command, options in texts.items() if options}, indent=1) + "\n"
+    """Command -> option without own help -> help of its parameter, if the command's experiment has it."""
+    texts: dict[str, dict[str, str]] = {}
+    for command in app.registered_commands:
+        for name, parameter in inspect.signature(command.callback).parameters.items():  # type: ignore[arg-type]
+            kind, (option, *_) = parameter.annotation.__origin__, parameter.annotation.__metadata__
+            if option.help is None and (text := help_of(name, str(command.name))):
+                repeats = " May be repeated." if kind == list[str] | None else ""
+                texts.setdefault(str(command.name), {})[name] = text + repeats
+    return json.dumps(texts, indent=1) + "\n"
 
 
 def help_of(name: str, command: str) -> str | None:
-    """What the help of ``command`` says of the option ``name``; None: its experiment does not have it."""
-    key, experiment = KEY_OF.get(name, name), EXPERIMENT_OF.get(command)
+    """First sentence, range and default of an option's parameter; None: the experiment does not have it."""
+    key, experiment = PARAMETERS[name], EXPERIMENT_OF.get(command)
     experiments = [experiment] if experiment else EXPERIMENT_OF.values()
     leaf = next((known[key] for one in experiments if key in (known := leaves(parameters_model(one)))), None)
     if leaf is None:

@@ -427,6 +427,21 @@ class ExtensionPoint:
         """The names that can be given, this package's first; beside them it takes references."""
         return list(dict.fromkeys([*self.own, *(one.name for one in offered(self.entry_points))]))
 
+    def choices(self, own: str = "your own", **meanings: str) -> str:
+        """What can be given, for an option's help: this package's names, and what ``own`` a reference names.
+
+        Args:
+            own: what users write, with its article.
+            meanings: by name, what is said in brackets behind it.
+
+        Raises:
+            ValueError: a meaning of a name that this package does not have.
+        """
+        if unknown := meanings.keys() - self.own.keys():
+            raise ValueError(f"{self.option}: no such names: {', '.join(sorted(unknown))}")
+        names = [f"{name} ({meanings[name]})" if name in meanings else name for name in self.own]
+        return f"{', '.join(names)}, or {own} as package.module:NAME or file.py:NAME"
+
     def is_own(self, value: str) -> bool:
         """Whether ``value`` names what comes with this package; InputError as :meth:`pinned`."""
         choice = self._parsed(value)

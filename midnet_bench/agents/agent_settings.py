@@ -5,6 +5,36 @@ from dataclasses import dataclass
 from midnet_bench.plugins import ExtensionPoint
 from midnet_bench.settings import Settings, option
 
+PATROLS = ExtensionPoint(
+    option="patrol",
+    entry_points="midnet_bench.patrols",
+    method="next_point",
+    own={
+        "paper": None,
+        "cyclic": "midnet_bench.agents.graph_patrols:CyclicRoute",
+        "reactive": "midnet_bench.agents.graph_patrols:ConscientiousReactive",
+        "coordinated": "midnet_bench.agents.graph_patrols:CoordinatedIdleness",
+    },
+)
+PURSUITS = ExtensionPoint(
+    option="pursuit",
+    entry_points="midnet_bench.pursuits",
+    method="pursue",
+    own={
+        "nearest": "midnet_bench.agents.pursuit:Nearest",
+        "all": "midnet_bench.agents.pursuit:All",
+        "assignment": "midnet_bench.agents.pursuit:Assignment",
+        "none": "midnet_bench.agents.pursuit:Nobody",
+        "oracle": None,
+    },
+)
+_CHASE = {
+    "nearest": "the nearest one while the others patrol",
+    "all": "every guard after the intruder nearest to it",
+    "assignment": "pairs of least total distance",
+    "oracle": "nearest, with targets from the referee",
+}
+
 
 @dataclass(frozen=True)
 class GoalSettings(Settings):
@@ -27,8 +57,7 @@ class PatrolSettings(Settings):
 
     rule: str = option(
         "paper",
-        "Where guards go that have nothing to do: paper (random points of section V.B), cyclic, "
-        "reactive, coordinated, or your own as package.module:NAME or file.py:NAME.",
+        f"Where guards go that have nothing to do: {PATROLS.choices(paper='random points of section V.B')}.",
         key="patrol",
         source="paper: V.B",
     )
@@ -56,11 +85,9 @@ class PursuitSettings(Settings):
 
     rule: str = option(
         "nearest",
-        "Which guards go after a detected intruder: the nearest one while the others patrol "
-        "(nearest), every guard after the intruder nearest to it (all), pairs of least total distance"
-        " (assignment), none, or your own as package.module:NAME or file.py:NAME. Targets are tracks "
-        "of MIDNet's boxes; under oracle the referee names the intruder of each box instead, and "
-        "tells who is caught or gone.",
+        f"Which guards go after a detected intruder: {PURSUITS.choices(**_CHASE)}. Targets are tracks of "
+        "MIDNet's boxes; under oracle the referee names the intruder of each box instead, and tells who is "
+        "caught or gone.",
         key="pursuit",
         source="ours: the paper converges to intruders without a rule",
     )
@@ -89,29 +116,3 @@ class PursuitSettings(Settings):
         key="pursuit_retarget_m",
         source="ours: the paper has no rule of pursuit",
     )
-
-
-PATROLS = ExtensionPoint(
-    option="patrol",
-    entry_points="midnet_bench.patrols",
-    method="next_point",
-    own={
-        "paper": None,
-        "cyclic": "midnet_bench.agents.graph_patrols:CyclicRoute",
-        "reactive": "midnet_bench.agents.graph_patrols:ConscientiousReactive",
-        "coordinated": "midnet_bench.agents.graph_patrols:CoordinatedIdleness",
-    },
-)
-
-PURSUITS = ExtensionPoint(
-    option="pursuit",
-    entry_points="midnet_bench.pursuits",
-    method="pursue",
-    own={
-        "nearest": "midnet_bench.agents.pursuit:Nearest",
-        "all": "midnet_bench.agents.pursuit:All",
-        "assignment": "midnet_bench.agents.pursuit:Assignment",
-        "none": "midnet_bench.agents.pursuit:Nobody",
-        "oracle": None,
-    },
-)

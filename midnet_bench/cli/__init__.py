@@ -20,12 +20,12 @@ from midnet_bench.cli import (  # noqa: F401 - each adds its commands
     replay,
     reports,
 )
-from midnet_bench.cli.app import MOVED_OPTIONS, app
+from midnet_bench.cli.app import app
 from midnet_bench.cli.replay import key_of
 from midnet_bench.errors import InputError, MidnetBenchError
 
 PLAIN = {
-    r" / '--trials'": "",
+    r"Invalid value for '(\S+)' / '(\S+)': ": r"\1 / \2: ",
     r"Invalid value for '(\S+)': ": r"\1: ",
     r"Value error, ": "",
     r"Input should be greater than or equal to (\S+)": r"must be at least \1",
@@ -89,11 +89,9 @@ def _in_plain_words(text: str) -> str:
 
 
 def _complaint(error: Any) -> str:
-    """What is wrong with a command line; of an option of an earlier version, what to give now."""
+    """What is wrong with a command line; of an option that is a key of a recording's setup, where it goes."""
     text = error.format_message()
     option, context = getattr(error, "option_name", ""), getattr(error, "ctx", None)
     if context is not None and context.info_name == "replay" and (key := key_of(option)):
         text = f"{option}: write '{key}: ...' into setup.yaml and give --setup setup.yaml"
-    elif option in MOVED_OPTIONS:
-        text = f"{option}: now {MOVED_OPTIONS[option]}"
     return str(text)

@@ -1,10 +1,11 @@
 """The Typer application that every command file adds to, and its help."""
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from midnet_bench import __version__
 from midnet_bench.cli import options
@@ -17,23 +18,6 @@ PANELS = {
     "Recordings": ("replay", "export", "node"),
 }
 """heading of the help -> its commands, in the order in which people need them"""
-MOVED = {
-    "campaigns": "run, without a name",
-    "plot": "report DIR --x FACTOR --y COLUMN --format pdf,png,svg",
-    "leaderboard": "compare --rank DIR",
-    "explain": "errors DIR --frame N",
-    "power": "verify DIR --difference POINTS",
-    "smoke": "run smoke-detection, then compare --exact results/smoke-detection; make smoke does both tests",
-    "ros1-node": "node --ros 1",
-}
-"""command of an earlier version -> what does it now"""
-MOVED_OPTIONS = {"--robot": "--robot-model", "--place": "--start found"}
-GROUPS = {
-    "What runs": "seeds seed robots intruders frames arena preset map_file settings record",
-    "What is swapped in": "engine robot_model detector fusion patrol pursuit metric",
-    "Where it goes": "output jobs backend scheduler dry_run fresh retry_failed as_json wide",
-}
-"""heading -> options of the commands that run campaigns; all others come last"""
 START = {
     "midnet-bench detection": "the paper's detection table, in about a minute",
     "midnet-bench labyrinth": "the paper's 500 trials; stop and continue any time",
@@ -43,41 +27,33 @@ START = {
 
 
 class Command(TyperCommand):
-    """A command whose help has its options in groups where there are many."""
+    """A command whose options stand under their ``rich_help_panel``, in plain text.
+
+    An option of a parameter has the parameter's help, and is not shown where the experiment lacks it.
+    """
+
+    def __init__(self, name: str | None, **more: Any) -> None:
+        """As Typer makes one."""
+        super().__init__(name, **more)
+        for option in self.params:
+            if isinstance(option, TyperOption) and option.help is None and option.name in options.PARAMETERS:
+                option.help = options.help_of(option.name, str(name))
+                option.hidden = option.help is None
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then the options by group."""
-        is_grouped = any(one.name == "backend" for one in self.params)
-        group_of = {name: group for group, names in GROUPS.items() for name in names.split() if is_grouped}
-        records: dict[str, list[tuple[str, str]]] = {name: [] for name in ("Arguments", *GROUPS, "Options")}
-        for one in self.get_params(ctx):
-            if (record := one.get_help_record(ctx)) is None:
-                continue
-            name, text = one.name or "", record[1]
-            if getattr(one, "help", None) == options.PARAMETER:
-                if (found := options.help_of(name, ctx.info_name)) is None:
-                    continue
-                text = found + " May be repeated." * one.multiple
-            group = group_of.get(name, "Options") if one.param_type_name == "option" else "Arguments"
-            records[group].append((record[0].replace(", --trials", ""), text))
-        for group, rows in records.items():
-            if rows:
-                with formatter.section(group):
-                    formatter.write_dl(rows)
+        """Write the arguments, then the options by heading. Rich does so too, whose import takes longer."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            if record := parameter.get_help_record(ctx):
+                heading = "Arguments" if parameter.param_type_name == "argument" else "Options"
+                heading = getattr(parameter, "rich_help_panel", None) or heading
+                sections.setdefault(heading, []).append(record)
+        for heading, records in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(records)
 
 
-class Commands(TyperGroup):
-    """Lists the commands of a group. Typer does so itself by rich, whose import takes longer."""
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write each command with the first sentence of its help."""
-        width = max(map(len, self.commands))
-        rows = [(f"{name:{width}}", one.short_help or "") for name, one in self.commands.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
-
-class AllCommands(Commands):
+class AllCommands(TyperGroup):
     """The whole program: its help begins with what to type first, then names the commands by heading."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
@@ -85,12 +61,6 @@ class AllCommands(Commands):
         for flag in self.get_params(ctx):
             flag.default = False if flag.default is None else flag.default
         return super().parse_args(ctx, args)
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """As usual; a command of an earlier version says where it went. Raises InputError."""
-        if args and args[0] in MOVED:
-            raise InputError(f"{args[0]}: now 'midnet-bench {MOVED[args[0]]}'")
-        return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help of ``midnet-bench`` alone."""
@@ -119,7 +89,7 @@ app = typer.Typer(
 
 def add_group(name: str, help: str) -> typer.Typer:
     """A command that has commands."""
-    group = typer.Typer(cls=Commands, invoke_without_command=True, rich_markup_mode=None)
+    group = typer.Typer(invoke_without_command=True, rich_markup_mode=None)
     group.callback()(_help_without_command)
     app.add_typer(group, name=name, help=help, short_help=help)
     return group
@@ -136,8 +106,7 @@ def command(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Register a command; it also takes the options of :class:`options.Messages`.
 
-    The docstring is the help, and describes options as ``options`` says. A parameter that is a dataclass of
-    options becomes one option per field.
+    The docstring is the help. A parameter that is a dataclass of options becomes one option per field.
 
     Args:
         name: of the command; the function's unless given.
@@ -146,14 +115,13 @@ def command(
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
-        text, _ = options.described(function)
-        paragraphs = [" ".join(part.split()) for part in text.split("\n\n")]
+        text = inspect.getdoc(function) or ""  # Python drops it with -OO
         group.command(
-            name,
+            name or function.__name__,
             cls=Command,
-            help="\n\n".join((f"$ {example}", *paragraphs)),
-            short_help=paragraphs[0],  # what the list of commands shows, under the heading
-        )(options.with_flat_options(function))
+            help=f"$ {example}\n\n{text}",
+            short_help=text.partition("\n\n")[0],  # what a list of commands shows
+        )(options.flattened(function))
         return function
 
     return register

@@ -46,10 +46,10 @@ def run(
     campaign: options.Campaign,
     file: Annotated[
         str | None,
-        options.argument(
-            "[CAMPAIGN]",
-            "A campaign file, or the name of a packaged campaign; without it, they are listed.",
-            options.offer_campaigns,
+        typer.Argument(
+            metavar="[CAMPAIGN]",
+            autocompletion=options.offer_campaigns,
+            help="A campaign file, or the name of a packaged campaign; without it, they are listed.",
         ),
     ] = None,
 ) -> None:
@@ -138,10 +138,30 @@ def _log_failures(outcome: "CampaignOutcome", file: Path) -> int:
 @command(example="midnet-bench report results/detection --x thresh_local --y f1 --format pdf")
 def report(
     directory: options.ResultsFolder,
-    x: str | None = None,
-    y: str | None = None,
-    formats: str | None = None,
-    output: Path | None = None,
+    x: Annotated[
+        str | None, typer.Option(metavar="FACTOR", help="Draw scores over this numeric factor of the grid.")
+    ] = None,
+    y: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="Which score, such as f1, or another column (default the main scores)."
+        ),
+    ] = None,
+    formats: Annotated[
+        str | None,
+        typer.Option(
+            "--format", metavar="NAME,NAME", help="Formats of the figures: pdf, png, svg (default png,svg)."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
+        ),
+    ] = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -149,12 +169,6 @@ def report(
     """Rebuild all tables, figures and the page from the stored trials, without simulating.
 
     With --x, --y, --format or -o only figures are drawn.
-
-    Options:
-        x FACTOR: Draw scores over this numeric factor of the grid.
-        y COLUMN: Which score, such as f1, or another column (default the main scores).
-        formats --format NAME,NAME: Formats of the figures: pdf, png, svg (default png,svg).
-        output PATH: Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.
     """
     if x or y or formats or output:
         from midnet_bench.workflows.report import plot
@@ -215,40 +229,51 @@ def _log_page(directory: Path) -> None:
 @command(example="midnet-bench size office --within 60 --probability 0.9")
 def size(
     arena: options.ArenaFile,
-    within: float = 60.0,
-    probability: float = 0.9,
-    capture: bool = False,
-    intruders: str | None = None,
-    engine: options.Part = None,
-    robot_model: options.Part = None,
-    detector: options.Part = None,
-    fusion: options.Part = None,
-    patrol: options.Part = None,
-    pursuit: options.Part = None,
+    within: Annotated[
+        float, typer.Option(metavar="S", help="Time in which an intruder has to be found, from its entry.")
+    ] = 60.0,
+    probability: Annotated[
+        float, typer.Option(metavar="P", help="With which probability it has to be found, at least.")
+    ] = 0.9,
+    capture: Annotated[
+        bool, typer.Option("--capture", help="It has to be caught: a guard within capture_distance_m.")
+    ] = False,
+    intruders: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PLACES",
+            help="Where an intruder enters: doors, anywhere, or 'X,Y X,Y' in metres (default doors if the "
+            "outer wall has gaps, else anywhere).",
+        ),
+    ] = None,
+    engine: options.Plugin = None,
+    robot_model: options.Plugin = None,
+    detector: options.Plugin = None,
+    fusion: options.Plugin = None,
+    patrol: options.Plugin = None,
+    pursuit: options.Plugin = None,
     settings: options.Settings = None,
-    trials: int = 400,
+    trials: Annotated[
+        int, typer.Option(metavar="N", help="Most trials of each team size, a multiple of 40.")
+    ] = 400,
     seed: options.Seed = 1,
     jobs: options.Jobs = None,
-    output: Path | None = None,
-    fresh: bool = False,
-    dry_run: bool = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the results (default results/size-ARENA)."
+        ),
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Run all trials anew.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", "-n", help="Say what it would cost, and stop.")
+    ] = False,
     as_json: options.Json = False,
 ) -> None:
     """Find the smallest team that finds an intruder in time, for a building, its robots and a patrol.
 
     Teams of 1, 2, 4, 8 ... guards are tried until one is enough, then those between. The same command again
     continues where it stopped.
-
-    Options:
-        within S: Time in which an intruder has to be found, from its entry.
-        probability P: With which probability it has to be found, at least.
-        capture: It has to be caught: a guard within capture_distance_m.
-        intruders PLACES: Where an intruder enters: doors, anywhere, or 'X,Y X,Y' in metres (default doors if
-            the outer wall has gaps, else anywhere).
-        trials N: Most trials of each team size, a multiple of 40.
-        output DIR: Folder for the results (default results/size-ARENA).
-        fresh: Run all trials anew.
-        dry_run --dry-run -n: Say what it would cost, and stop.
     """
     from midnet_bench.workflows import size as workflow
 

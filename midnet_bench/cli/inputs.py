@@ -22,7 +22,7 @@ READINGS = Path(__file__).parent.parent / "docs" / "readings.md"
 arena = add_group("arena", "Show, make and check arenas: floor plans with start poses.")
 MOST_AREAS = 5  # that a line lists
 Output = Annotated[
-    Path | None, options.option("FILE", "The arena's file (default: print it).", "-o", "--output")
+    Path | None, typer.Option("-o", "--output", metavar="FILE", help="The arena's file (default: print it).")
 ]
 
 
@@ -30,7 +30,9 @@ Output = Annotated[
 def parameters(
     name: Annotated[
         str,
-        options.argument(None, "An experiment, or a parameter of any experiment.", options.offer_parameters),
+        typer.Argument(
+            autocompletion=options.offer_parameters, help="An experiment, or a parameter of any experiment."
+        ),
     ] = "detection",
     as_json: options.Json = False,
 ) -> None:
@@ -121,9 +123,9 @@ def _written(value: object) -> str:
 def check(
     thing: Annotated[
         str,
-        options.argument(
-            "THING",
-            "A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or"
+        typer.Argument(
+            metavar="THING",
+            help="A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or"
             " file.py:NAME.",
         ),
     ],
@@ -174,7 +176,8 @@ def readings_of(key: str) -> list[Reading]:
 @command(example="midnet-bench arena show map1 > mine.yaml", group=arena)
 def show(
     name: Annotated[
-        str | None, options.argument(None, "A packaged arena or a YAML file.", options.offer_arenas)
+        str | None,
+        typer.Argument(autocompletion=options.offer_arenas, help="A packaged arena or a YAML file."),
     ] = None,
 ) -> None:
     """Print an arena's file, comments and all; without a name, the names of those that there are."""
@@ -192,20 +195,23 @@ def show(
     "from-image", example="midnet-bench arena from-image plan.png --resolution 0.02 -o mine.yaml", group=arena
 )
 def from_image(
-    image: Annotated[Path, options.argument("IMAGE", "The plan, a PNG, JPEG or PGM: dark is wall.")],
-    resolution: float,
-    drop_specks: float = 0.0,
+    image: Annotated[
+        Path, typer.Argument(metavar="IMAGE", help="The plan, a PNG, JPEG or PGM: dark is wall.")
+    ],
+    resolution: Annotated[float, typer.Option(metavar="METRES", help="Side of a pixel in metres.")],
+    drop_specks: Annotated[
+        float,
+        typer.Option(
+            metavar="METRES",
+            help="Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
+        ),
+    ] = 0.0,
     output: Output = None,
 ) -> None:
     """Make an arena of a drawn plan.
 
     Dark pixels become walls: rectangles that cover them exactly. A blank margin is cut off. Where the guards
     start and how many robots intrude gets values that you may edit.
-
-    Options:
-        resolution METRES: Side of a pixel in metres.
-        drop_specks METRES: Pieces of wall that touch no other and are no longer than this are floor: dirt,
-            lettering.
     """
     if not 0.0 < resolution <= 1.0:
         raise InputError(f"--resolution: {resolution:g} is out of range; allowed: above 0 and at most 1")
@@ -221,16 +227,15 @@ def from_image(
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
 def from_map(
-    map_file: Annotated[Path, options.argument("MAP", "The YAML file of a ROS map_server map.")],
-    unknown: Literal["wall", "free"] = "wall",
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="The YAML file of a ROS map_server map.")],
+    unknown: Annotated[
+        Literal["wall", "free"], typer.Option(help="What the cells are that the map knows nothing of.")
+    ] = "wall",
     output: Output = None,
 ) -> None:
     """Make an arena of a map_server map: its known part, moved to the middle of the plane.
 
     Occupied cells become walls: rectangles that cover them exactly.
-
-    Options:
-        unknown: What the cells are that the map knows nothing of.
     """
     from midnet_bench.workflows.arenas import from_map as made_from
 
@@ -238,15 +243,18 @@ def from_map(
 
 
 @command("check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
-def check_arena(name: options.ArenaFile, output: Path | None = None, as_json: options.Json = False) -> None:
+def check_arena(
+    name: options.ArenaFile,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Draw it: a PNG.")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
     """Say what is wrong with an arena, a line for each fault with its place in metres, or 'ok'.
 
     Starts that collide, rooms that no guard can reach, intruders that no guard can ever see, and layouts of
     five seeds for which there is no room. A picture numbers the faults. The exit code is 1 if there are any.
     Floor that no robot can enter is named with its area: no fault around a building, but look at it inside.
-
-    Options:
-        output FILE: Draw it: a PNG.
     """
     from midnet_bench.workflows.arenas import check as checked
     from midnet_bench.workflows.arenas import write_picture

@@ -31,39 +31,57 @@ _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 def make_map(
     arena: Annotated[
         str | None,
-        options.argument(
-            None, "The arena to explore: map1, map2, empty, or a YAML file.", options.offer_arenas
+        typer.Argument(
+            autocompletion=options.offer_arenas,
+            help="The arena to explore: a packaged one or a YAML file.",
         ),
     ] = None,
     robots: options.Number = None,
-    exact: bool = False,
-    from_log: Path | None = None,
-    from_map: Path | None = None,
-    slam: Literal["graph", "gmapping"] | None = None,
-    particles: int | None = None,
-    seed: int | None = None,
-    clip: bool | None = None,
-    engine: options.Part = None,
-    robot_model: options.Part = None,
+    exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls without exploring.")] = False,
+    from_log: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Run SLAM over a recording: a bag, a CARMEN log, a table."),
+    ] = None,
+    from_map: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost.",
+        ),
+    ] = None,
+    slam: Annotated[
+        Literal["graph", "gmapping"] | None,
+        typer.Option(
+            help="What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping "
+            "(default with --particles).",
+        ),
+    ] = None,
+    particles: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Number of GMapping particles (default 30).")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Random seed (default 1).")] = None,
+    clip: Annotated[
+        bool | None,
+        typer.Option("--clip/--no-clip", help="Make a film (MP4) of the growing map (default clip)."),
+    ] = None,
+    engine: options.Plugin = None,
+    robot_model: options.Plugin = None,
     settings: options.Settings = None,
-    output: Path | None = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Folder, or the map's YAML file; all else goes beside it (default results/map-NAME).",
+        ),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Make a map: explore an arena, run SLAM over a log, draw an arena exactly, or resample a map.
 
     Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
     give pictures and a film of the growing map; an exploration gives scores.
-
-    Options:
-        exact: Draw the arena's walls without exploring.
-        from_log FILE: Run SLAM over a recording: a bag, a CARMEN log, a table.
-        from_map FILE: Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost.
-        slam: What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping (default
-            with --particles).
-        particles N>=1: Number of GMapping particles (default 30).
-        seed N>=0: Random seed (default 1).
-        clip --clip/--no-clip: Make a film (MP4) of the growing map (default clip).
-        output PATH: Folder, or the map's YAML file; all else goes beside it (default results/map-NAME).
     """
     if [arena, from_log, from_map].count(None) != 2:
         raise InputError("map: give either an arena, such as map1, or --from-log FILE, or --from-map FILE")

@@ -38,9 +38,11 @@ CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 MOST_COLUMNS = 7
 PIPE_WIDTH = 80  # where standard output is no terminal
 READABLE = 20  # characters: a column of sentences is not made narrower, if it can be helped
-GAP = "  "
+GAP = 2  # blanks that tabulate puts between columns
+UNLIMITED = sys.maxsize  # characters in a line
+NO_BREAK = "\N{NO-BREAK SPACE}"
+WHOLE: Any = {"break_long_words": False, "break_on_hyphens": False}  # words, in lines that are filled
 _NUMBER = re.compile(r"[-+±.,\d\s\[\]]*|n/a")
-_INTERVAL = re.compile(r" (?=\[)")
 
 
 class _Stderr(logging.Handler):
@@ -220,17 +222,18 @@ class _Column(NamedTuple):
     cells: list[str]
     is_text: bool  # whether it may take several lines
 
-    def pieces(self, cell: str, splits: bool) -> list[str]:
-        """Where a cell may be broken: a text between words; if ``splits``, a number before its interval."""
+    def unbroken(self, splits: bool) -> "_Column":
+        """The same; of numbers no line ends but, if ``splits``, before an interval."""
         if self.is_text:
-            return cell.split()
-        return _INTERVAL.split(cell) if splits else [cell]
+            return self
+        ends = f"{NO_BREAK}[", f"{' ' if splits else NO_BREAK}["
+        return self._replace(cells=[cell.replace(" ", NO_BREAK).replace(*ends) for cell in self.cells])
 
-    def widths(self, splits: bool) -> tuple[int, int, int]:
+    def widths(self) -> tuple[int, int, int]:
         """The narrowest, the one with the header on several lines, and the one on one line."""
-        header = max(map(len, self.header.split()), default=0)
-        whole = max(map(len, self.cells), default=0)
-        least = max((len(piece) for cell in self.cells for piece in self.pieces(cell, splits)), default=0)
+        header = max(map(len, self.header.split(" ")))
+        whole = max(map(len, self.cells))
+        least = max(len(word) for cell in self.cells for word in cell.split(" "))
         if self.is_text:
             least = max(least, min(whole, READABLE))
         return max(header, least), max(header, whole), max(len(self.header), whole)
@@ -243,14 +246,7 @@ def width() -> int:
 
 def filled(text: str, most: int, indent: str = "") -> list[str]:
     """A sentence in lines of at most ``most`` characters; a longer word stays whole."""
-    return textwrap.wrap(
-        shown(text),
-        most,
-        initial_indent=indent,
-        subsequent_indent=indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    return textwrap.wrap(shown(text), most, initial_indent=indent, subsequent_indent=indent, **WHOLE)
 
 
 def print_json(document: Any) -> None:
@@ -296,91 +292,64 @@ def drawn(table: "Table", most: int | None) -> str:
     """
     from midnet_bench.analysis.tables import in_words
 
-    heads = [table.labels[name] if name in table.labels else in_words(name) for name in table.columns]
-    cells = [[shown(cell) for cell in row] for row in table.cells()]
-    columns = {
-        name: _Column(
-            shown(heads[index]),
-            [row[index] for row in cells],
-            any(
-                isinstance(row.get(name), str) and not _NUMBER.fullmatch(str(row[name])) for row in table.rows
-            ),
-        )
-        for index, name in enumerate(table.columns)
-    }
+    columns: dict[str, _Column] = {}
+    for name, cells in zip(table.columns, zip(*table.cells(), strict=True), strict=True):
+        values = (row.get(name) for row in table.rows)
+        is_text = any(isinstance(value, str) and not _NUMBER.fullmatch(value) for value in values)
+        header = table.labels[name] if name in table.labels else in_words(name)
+        columns[name] = _Column(shown(header), [*map(shown, cells)], is_text)
     if not columns:
         return "\n".join([*filled(table.title, most or width()), "nothing", *table.notes])
-    if most is None:
-        widths = [column.widths(False)[2] for column in columns.values()]
-        lines = [shown(table.title), *_laid_out(list(columns.values()), widths), *map(shown, table.notes)]
-        return "\n".join(lines)
-    left_out: list[str] = []
-    beside = [name for name in table.beside if name in columns]
-    while len(columns) - len(left_out) > MOST_COLUMNS and beside:
-        left_out.append(beside.pop())
-    while True:
-        kept = [column for name, column in columns.items() if name not in left_out]
-        splits = not beside
-        found = _widths(kept, most, False) or (_widths(kept, most, True) if splits else None)
-        if found is not None and len(kept) <= MOST_COLUMNS:
-            lines = _laid_out(kept, found)
-            break
-        if not beside:
-            lines = _as_rows(kept, most)
-            break
-        left_out.append(beside.pop())
-    if left_out:
-        names = ", ".join(columns[name].header for name in columns if name in left_out)
+    most = most or UNLIMITED
+    kept, beside = dict(columns), [name for name in table.beside if name in columns]
+    while (lines := _grid([*kept.values()], most)) is None and beside:
+        del kept[beside.pop()]
+    remaining = [*kept.values()]
+    lines = lines or _grid(remaining, most, splits=True) or _as_rows(remaining, most)
+    if len(kept) < len(columns):
+        names = ", ".join(column.header for name, column in columns.items() if name not in kept)
         lines += filled(f"Left out: {names}; --wide prints all columns.", most)
     notes = [line for note in table.notes for line in filled(note, most)]
     return "\n".join([*filled(table.title, most), *lines, *notes])
 
 
-def _widths(columns: Sequence[_Column], most: int, splits: bool) -> list[int] | None:
-    """How wide each column is; None if they do not fit."""
-    room = most - len(GAP) * (len(columns) - 1)
-    least, middle, whole = ([*each] for each in zip(*(one.widths(splits) for one in columns), strict=True))
+def _grid(columns: Sequence[_Column], most: int, splits: bool = False) -> list[str] | None:
+    """Headers above, a row for each; None if that does not fit. ``splits``: intervals may go below."""
+    from tabulate import tabulate  # type: ignore[import-untyped]
+
+    columns = [column.unbroken(splits) for column in columns]
+    widths = _widths(columns, most)
+    if widths is None:
+        return None
+    blocks = [
+        (textwrap.wrap(column.header, size or 1, **WHOLE), [_folded(cell, size) for cell in column.cells])
+        for column, size in zip(columns, widths, strict=True)
+    ]
+    height = max(len(header) for header, _ in blocks)  # headers end where the numbers begin
+    rows = zip(*([""] * (height - len(header)) + header + cells for header, cells in blocks), strict=True)
+    aligned = ["left" if column.is_text else "right" for column in columns]
+    text = tabulate(rows, (), "plain", colalign=aligned, disable_numparse=True, preserve_whitespace=True)
+    return [line.rstrip() for line in text.replace(NO_BREAK, " ").split("\n")]
+
+
+def _folded(text: str, size: int) -> str:
+    return text if len(text) <= size else textwrap.fill(text, size, **WHOLE)
+
+
+def _widths(columns: Sequence[_Column], most: int) -> list[int] | None:
+    """How wide each column is; None if they do not fit, or are more than a terminal's ``MOST_COLUMNS``."""
+    if len(columns) > MOST_COLUMNS and most < UNLIMITED:
+        return None
+    room = most - GAP * (len(columns) - 1)
+    least, widths, whole = ([*sizes] for sizes in zip(*(column.widths() for column in columns), strict=True))
     if sum(whole) <= room:
         return whole
     if sum(least) > room:
         return None
-    while sum(middle) > room:
-        widest = max(range(len(columns)), key=lambda k: (middle[k] > least[k], middle[k]))
-        middle[widest] -= 1
-    return middle
-
-
-def _laid_out(columns: Sequence[_Column], widths: Sequence[int]) -> list[str]:
-    heads = [column.header for column in columns]
-    lines = _row(heads, columns, widths, header=True) if any(heads) else []
-    for row in zip(*(column.cells for column in columns), strict=True):
-        lines += _row(row, columns, widths)
-    return lines
-
-
-def _row(
-    cells: Sequence[str], columns: Sequence[_Column], widths: Sequence[int], header: bool = False
-) -> list[str]:
-    """One row, as many lines as its highest cell takes."""
-    blocks = []
-    for cell, column, size in zip(cells, columns, widths, strict=True):
-        if len(cell) <= size:
-            blocks.append([cell])
-        elif column.is_text or header:
-            blocks.append(textwrap.wrap(cell, size, break_long_words=False, break_on_hyphens=False))
-        else:
-            blocks.append(column.pieces(cell, splits=True))
-    height = max(map(len, blocks))
-    lines = []
-    for number in range(height):
-        parts = []
-        for block, column, size in zip(blocks, columns, widths, strict=True):
-            # headers of several lines end where the numbers begin
-            at = number - (height - len(block)) if header else number
-            part = block[at] if 0 <= at < len(block) else ""
-            parts.append(part.ljust(size) if column.is_text else part.rjust(size))
-        lines.append(GAP.join(parts).rstrip())
-    return lines
+    while sum(widths) > room:
+        widest = max(range(len(columns)), key=lambda index: (widths[index] > least[index], widths[index]))
+        widths[widest] -= 1
+    return widths
 
 
 def _as_rows(columns: Sequence[_Column], most: int) -> list[str]:
@@ -406,7 +375,6 @@ def _as_rows(columns: Sequence[_Column], most: int) -> list[str]:
                     max(most, len(first) + 1),
                     initial_indent=first,
                     subsequent_indent=" " * len(first),
-                    break_long_words=False,
-                    break_on_hyphens=False,
-                ) or [first.rstrip()]
+                    **WHOLE,
+                )
     return lines

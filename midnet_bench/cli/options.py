@@ -1,21 +1,13 @@
-"""Options of commands: what a docstring says of them, what the tab key offers, and those of every command.
+"""Options that several commands share, what the tab key offers for them, and what their values ask for."""
 
-A function or a dataclass declares an option by a parameter with a type; its docstring has a section
-``Options`` with a line ``name --names METAVAR>=least: help`` for each, where all but name and help may be
-left out.
-"""
-
-import ast
 import inspect
 import json
-import re
 import sys
-import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -29,110 +21,53 @@ if TYPE_CHECKING:
 SEED, ROBOTS = 1, 5  # of a trial that is no campaign's, unless the user says otherwise
 RESULTS = Path("results")  # Where results go unless ``-o`` says otherwise.
 HELP = Path(__file__).with_name("parameter_help.json")
-"""command -> option -> what its help says of a parameter; ``make api`` makes it of the declarations"""
-PARAMETER = "="  # Help of an option whose sentence, range and default are those of the parameter of its name.
+"""command -> option -> help of the parameter that it sets; ``make api`` makes it of the declarations"""
 NUMBERS = ("robots", "intruders", "frames")
-KEY_OF = {"robot_model": "robot", "metric": "metrics"}
-"""option -> its parameter, where that is called otherwise"""
-OPTION_OF = {key: name.replace("_", "-") for name, key in KEY_OF.items()}
-EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "mapping"}
-"""command -> the experiment that its parameters are of"""
-USUAL_NAMES = {
-    "as_json": ("--json",),
-    "map_file": ("--map",),
-    "output": ("-o", "--output"),
-    "settings": ("--set",),
-}
-_LINE = re.compile(
-    r"(?P<name>\w+)(?P<names>(?: -\S+)*)(?: (?P<metavar>[^:>]\S*?)(?:>=(?P<least>\d+))?)?: (?P<help>.*)"
-)
+PARAMETERS = {name: name for name in (*NUMBERS, "arena", "preset", "engine", "detector", "fusion")}
+PARAMETERS |= {"patrol": "patrol", "pursuit": "pursuit", "robot_model": "robot", "metric": "metrics"}
+"""option -> the parameter that it sets; where it has no help of its own, that of ``HELP`` is shown"""
+OPTIONS = {key: name.replace("_", "-") for name, key in PARAMETERS.items()}
+ANY = "Set any parameter; 'midnet-bench parameters' lists them."
 
 
-def option(metavar: str | None, help: str, *names: str, **more: Any) -> Any:
-    """An option: what stands for its value in the help (None of a flag), its help, its names if not usual."""
-    return typer.Option(*names, metavar=metavar, help=help, **more)
-
-
-def argument(metavar: str | None, help: str, complete: Any = None, **more: Any) -> Any:
-    """An argument, with what the tab key offers for it."""
-    return typer.Argument(metavar=metavar, help=help, autocompletion=complete, **more)
-
-
-def parameter(metavar: str = "NAME", **more: Any) -> Any:
-    """An option for the parameter of its name, whose declaration the help is made of."""
-    return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
-
-
-def described(function: Any) -> tuple[str, dict[str, re.Match[str]]]:
-    """A docstring without its section ``Options``, and by name the parts of that section's lines."""
-    docstring = function.__doc__ or ""
-    if sys.flags.optimize > 1:  # Python has dropped it
-        (node,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
-        docstring = ast.get_docstring(node) or ""  # type: ignore[arg-type]
-    text, _, section = inspect.cleandoc(docstring).partition("\n\nOptions:\n")
-    lines = [line.strip() for line in re.sub(r"\n {5,}", " ", section).splitlines()]
-    found = [_LINE.fullmatch(line) for line in lines]
-    assert all(found), f"an option needs 'name: help': {lines}"
-    return text, {said["name"]: said for said in found if said}
-
-
-def declared(function: Any) -> list[inspect.Parameter]:
-    """The parameters of a function or a dataclass, those that its docstring describes as Typer's options."""
-    _, found = described(function)
-    hints = get_type_hints(function, include_extras=True)
-    made = []
-    for name, one in inspect.signature(function).parameters.items():
-        kind = hints[name]
-        if said := found.get(name):
-            # Typer makes a --no-... for a flag whose name is not given
-            usual = USUAL_NAMES.get(name, (f"--{name.replace('_', '-')}",) if kind is bool else ())
-            names, limits = (
-                said["names"].split() or usual,
-                {"min": int(said["least"])} if said["least"] else {},
-            )
-            kind = Annotated[kind, option(said["metavar"], said["help"], *names, **limits)]
-        made.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind))
-    return made
-
-
-def with_flat_options(function: Callable[..., None]) -> Callable[..., None]:
-    """``function`` as Typer can read it: every dataclass of options as options of their own, and Messages."""
+def flattened(function: Callable[..., None]) -> Callable[..., None]:
+    """``function`` with an option for each field of its dataclasses, and with the options of Messages."""
     parameters: list[inspect.Parameter] = []
     groups: dict[str, Any] = {}
-    for one in declared(function):
-        if is_dataclass(one.annotation):
-            groups[one.name] = one.annotation
+    for parameter in inspect.signature(function).parameters.values():
+        if is_dataclass(parameter.annotation):
+            groups[parameter.name] = parameter.annotation
         else:
-            parameters.append(one)
+            parameters.append(parameter)
     for group in (*groups.values(), Messages):
-        parameters += declared(group)
+        parameters += inspect.signature(group).parameters.values()
 
     def run(**values: Any) -> None:
-        messages.set_up(**_take(values, Messages))
+        messages.set_up(**_taken(values, Messages))
         messages.announce_compiling()
-        for name, group in groups.items():
-            values[name] = group(**_take(values, group))
-        function(**values)
+        options = {name: group(**_taken(values, group)) for name, group in groups.items()}
+        function(**values, **options)
 
-    run.__name__ = function.__name__
-    run.__annotations__ = {one.name: one.annotation for one in parameters}
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    keywords = [parameter.replace(kind=parameter.KEYWORD_ONLY) for parameter in parameters]
+    run.__name__, run.__doc__ = function.__name__, function.__doc__
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in keywords}
+    run.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]
     return run
 
 
-def _take(values: dict[str, Any], group: Any) -> dict[str, Any]:
+def _taken(values: dict[str, Any], group: Any) -> dict[str, Any]:
     return {field.name: values.pop(field.name) for field in fields(group)}
 
 
 def help_of(name: str, command: str) -> str | None:
-    """What the help of ``command`` says of the option ``name``; None: its experiment does not have it."""
-    text: str | None = _parameter_help()[command].get(name)
-    return text
+    """What the help of ``command`` says of a parameter's option; None: its experiment lacks the parameter."""
+    return _parameter_help().get(command, {}).get(name)
 
 
 @cache
-def _parameter_help() -> Any:
-    return json.loads(HELP.read_text(encoding="utf-8"))
+def _parameter_help() -> dict[str, dict[str, str]]:
+    texts: dict[str, dict[str, str]] = json.loads(HELP.read_text(encoding="utf-8"))
+    return texts
 
 
 def offer_experiments(incomplete: str) -> list[str]:
@@ -213,11 +148,6 @@ def _paths(incomplete: str, suffix: str) -> Iterator[str]:
             yield str(path)
 
 
-def _settings(more: str = "") -> Any:
-    text = f"Set any parameter; 'midnet-bench parameters' lists them. {more}May be repeated."
-    return option("KEY=VALUE", text, "--set", autocompletion=offer_settings)
-
-
 def _trust(is_given: bool) -> None:
     if is_given or "midnet_bench.campaign.provenance" in sys.modules:
         from midnet_bench.campaign import provenance
@@ -238,82 +168,129 @@ def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
 
 def results_folder(metavar: str, help: str) -> Any:
     """An argument that names a campaign's folder."""
-    return argument(metavar, help, offer_results, callback=_is_folder)
+    return typer.Argument(metavar=metavar, help=help, autocompletion=offer_results, callback=_is_folder)
 
 
-Seed = Annotated[int, option("N", "Random seed.", min=0)]
-Settings = Annotated[list[str] | None, _settings()]
-Sweep = Annotated[list[str] | None, _settings("KEY=VALUE,VALUE runs each value. ")]
-Map = Annotated[Path | None, option("FILE", "Prior map: the YAML file of a ROS map_server map.", "--map")]
-Arena = Annotated[str | None, parameter("ARENA", autocompletion=offer_arenas)]
-Part = Annotated[str | None, parameter()]
-Number = Annotated[int | None, parameter("N")]
-Numbers = Annotated[str | None, parameter("N,N")]
-Jobs = Annotated[int | None, option("N", "Worker processes (default all cores).", min=1)]
-Json = Annotated[bool, option(None, "Print JSON, and nothing else, on standard output.", "--json")]
-Wide = Annotated[bool, option(None, "Print tables with all their columns, however long the lines.", "--wide")]
+# of a campaign, by heading
+_run_option = partial(typer.Option, rich_help_panel="What runs")
+_plugin_option = partial(typer.Option, metavar="NAME", rich_help_panel="What is swapped in")
+_output_option = partial(typer.Option, rich_help_panel="Where it goes")
+# of a campaign and of other commands
+MAP: Any = {"metavar": "FILE", "help": "Prior map: the YAML file of a ROS map_server map."}
+ARENA: Any = {"metavar": "ARENA", "autocompletion": offer_arenas}
+SET: Any = {"metavar": "KEY=VALUE", "autocompletion": offer_settings}
+JOBS: Any = {"metavar": "N", "min": 1, "help": "Worker processes (default all cores)."}
+JSON: Any = {"help": "Print JSON, and nothing else, on standard output."}
+WIDE: Any = {"help": "Print tables with all their columns, however long the lines."}
+
+Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.")]
+Settings = Annotated[list[str] | None, typer.Option("--set", help=f"{ANY} May be repeated.", **SET)]
+Map = Annotated[Path | None, typer.Option("--map", **MAP)]
+Arena = Annotated[str | None, typer.Option(**ARENA)]
+Plugin = Annotated[str | None, typer.Option(metavar="NAME")]
+Number = Annotated[int | None, typer.Option(metavar="N")]
+Numbers = Annotated[str | None, _run_option(metavar="N,N")]
+CampaignPlugin = Annotated[str | None, _plugin_option()]
+Jobs = Annotated[int | None, typer.Option(**JOBS)]
+Json = Annotated[bool, typer.Option("--json", **JSON)]
+Wide = Annotated[bool, typer.Option("--wide", **WIDE)]
 Trust = Annotated[
     bool,
-    option(
-        None, "Run the code that results from elsewhere name.", "--trust", callback=_trust, expose_value=False
+    typer.Option(
+        "--trust",
+        callback=_trust,
+        expose_value=False,
+        help="Run the code that results from elsewhere name.",
     ),
 ]
 Where = Annotated[
     list[str] | None,
-    option(
-        "FACTOR=VALUE", "Only trials with this value of the grid, such as oracle=none; may be given again."
+    typer.Option(
+        metavar="FACTOR=VALUE",
+        help="Only trials with this value of the grid, such as oracle=none; may be given again.",
     ),
 ]
-ArenaFile = Annotated[str, argument("ARENA", "A packaged arena or a YAML file.", offer_arenas)]
+ArenaFile = Annotated[
+    str,
+    typer.Argument(metavar="ARENA", help="A packaged arena or a YAML file.", autocompletion=offer_arenas),
+]
 ResultsFolder = Annotated[Path, results_folder("DIR", "A campaign's folder, such as results/labyrinth.")]
 Given = TypeVar("Given")
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What every command that runs a campaign takes, besides what that campaign is.
+    """What every command that runs a campaign takes, besides what that campaign is."""
 
-    Options:
-        seeds --seeds --trials N>=1: Seeds: so many trials of each cell (default: detection 1, labyrinth 20,
-            else the campaign's).
-        seed N>=0: First seed; the others count up from it (default 1, or the campaign's).
-        record: Keep each frame for the player, and the cause of each error of the detection test, which does
-            so by itself for up to four trials.
-        output DIR: Folder for the results (default results/CAMPAIGN).
-        backend NAME: Where trials run: loky (this machine) or dask.
-        scheduler ADDRESS: Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this
-            machine).
-        dry_run --dry-run -n: Say what would run, and stop.
-        fresh: Start over; the old results database is kept beside the new one.
-        retry_failed: Run trials that failed once more.
-    """
-
-    seeds: int | None = None
-    seed: int | None = None
+    seeds: Annotated[
+        int | None,
+        _run_option(
+            "--seeds",
+            "--trials",
+            metavar="N",
+            min=1,
+            help="Seeds: so many trials of each cell (default: detection 1, labyrinth 20, else the "
+            "campaign's).",
+        ),
+    ] = None
+    seed: Annotated[
+        int | None,
+        _run_option(
+            metavar="N", min=0, help="First seed; the others count up from it (default 1, or the campaign's)."
+        ),
+    ] = None
     robots: Numbers = None
     intruders: Numbers = None
     frames: Numbers = None
-    arena: Arena = None
-    preset: Annotated[Literal["paper", "best"] | None, parameter("paper|best")] = None
-    engine: Part = None
-    robot_model: Part = None
-    detector: Part = None
-    fusion: Part = None
-    patrol: Part = None
-    pursuit: Part = None
-    metric: Annotated[list[str] | None, parameter()] = None
-    record: bool = False
-    map_file: Map = None
-    settings: Sweep = None
-    output: Path | None = None
-    jobs: Jobs = None
-    backend: str = "loky"
-    scheduler: str | None = None
-    dry_run: bool = False
-    fresh: bool = False
-    retry_failed: bool = False
-    as_json: Json = False
-    wide: Wide = False
+    arena: Annotated[str | None, _run_option(**ARENA)] = None
+    preset: Annotated[Literal["paper", "best"] | None, _run_option(metavar="paper|best")] = None
+    engine: CampaignPlugin = None
+    robot_model: CampaignPlugin = None
+    detector: CampaignPlugin = None
+    fusion: CampaignPlugin = None
+    patrol: CampaignPlugin = None
+    pursuit: CampaignPlugin = None
+    metric: Annotated[list[str] | None, _plugin_option()] = None
+    record: Annotated[
+        bool,
+        _run_option(
+            "--record",
+            help="Keep each frame for the player, and the cause of each error of the detection test, which "
+            "does so by itself for up to four trials.",
+        ),
+    ] = False
+    map_file: Annotated[Path | None, _run_option("--map", **MAP)] = None
+    settings: Annotated[
+        list[str] | None,
+        _run_option("--set", help=f"{ANY} KEY=VALUE,VALUE runs each value. May be repeated.", **SET),
+    ] = None
+    output: Annotated[
+        Path | None,
+        _output_option(
+            "-o", "--output", metavar="DIR", help="Folder for the results (default results/CAMPAIGN)."
+        ),
+    ] = None
+    jobs: Annotated[int | None, _output_option(**JOBS)] = None
+    backend: Annotated[
+        str, _output_option(metavar="NAME", help="Where trials run: loky (this machine) or dask.")
+    ] = "loky"
+    scheduler: Annotated[
+        str | None,
+        _output_option(
+            metavar="ADDRESS",
+            help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
+        ),
+    ] = None
+    dry_run: Annotated[bool, _output_option("--dry-run", "-n", help="Say what would run, and stop.")] = False
+    fresh: Annotated[
+        bool,
+        _output_option("--fresh", help="Start over; the old results database is kept beside the new one."),
+    ] = False
+    retry_failed: Annotated[
+        bool, _output_option("--retry-failed", help="Run trials that failed once more.")
+    ] = False
+    as_json: Annotated[bool, _output_option("--json", **JSON)] = False
+    wide: Annotated[bool, _output_option("--wide", **WIDE)] = False
 
     def sweep(self, experiment: str) -> "dict[str, Values]":
         """The parameters of the command line by key; several values make a factor of the grid.
@@ -327,11 +304,10 @@ class Campaign:
         from midnet_bench.campaign.definition import parse_settings, values_of
 
         given: dict[str, Values] = {}
-        for name, hint in get_type_hints(type(self), include_extras=True).items():
-            value, (said, *_) = getattr(self, name), getattr(hint, "__metadata__", (None,))
-            if value is None or getattr(said, "help", None) != PARAMETER:
+        for name, key in PARAMETERS.items():
+            if (value := getattr(self, name)) is None:
                 continue
-            key, text = KEY_OF.get(name, name), "; ".join(value) if isinstance(value, list) else value
+            text = "; ".join(value) if isinstance(value, list) else value
             if name in NUMBERS:
                 given[key] = whole_numbers(text, f"--{key}")
             else:
@@ -345,17 +321,14 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Messages:
-    """What every command takes: how much it says while it works.
+    """What every command takes: how much it says while it works."""
 
-    Options:
-        quiet -q --quiet: Say only what goes wrong.
-        verbose -v --verbose: Say more: each trial as it ends.
-        log_file FILE: Append every message with its time to this file.
-    """
-
-    quiet: bool = False
-    verbose: bool = False
-    log_file: Path | None = None
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say only what goes wrong.")] = False
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more: each trial as it ends.")] = False
+    log_file: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Append every message with its time to this file."),
+    ] = None
 
 
 def whole_numbers(text: str, option: str) -> "Values":
@@ -385,7 +358,7 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
     # without any, resolving the campaign says what is wrong with its experiment, and in which file
     known = leaves(parameters_model(experiment)) if given else {}
     for key, values in given.items():
-        named = option.format(key=OPTION_OF.get(key, key))
+        named = option.format(key=OPTIONS.get(key, key))
         if key not in known and option.endswith("="):
             continue  # of an unknown setting, resolving the campaign names the nearest keys
         if key not in known:
@@ -407,7 +380,7 @@ def joined(
     """
     from midnet_bench.campaign.definition import parse_settings
 
-    given = {KEY_OF.get(name, name): value for name, value in named.items() if value is not None}
+    given = {PARAMETERS.get(name, name): value for name, value in named.items() if value is not None}
     return {**given, **_given_once(given, parse_settings(settings or [], map_file))}
 
 

@@ -20,45 +20,83 @@ if TYPE_CHECKING:
 
 
 def key_of(option: str) -> str | None:
-    """The key of setup.yaml that an option of an earlier version became; None of any other option."""
+    """The key of setup.yaml that an option names, whole or by its beginning; None of any other option."""
     from midnet_bench.recording.setup import RecordingSetup
 
-    named = {"--scan-delay": "delay_s", "--ally": "allies", "--to": "to_s"}
-    start = named.get(option, option[2:].replace("-", "_"))
+    start = option[2:].replace("-", "_")
     keys = (key for key in RecordingSetup.model_fields if len(start) > 3 and key.startswith(start))
     return next(keys, None)
 
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """Options of ``replay``; those that are keys of setup.yaml too count more than the file.
+    """Options of ``replay``; those that are keys of setup.yaml too count more than the file."""
 
-    Options:
-        setup FILE: Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it.
-        map --map FILE|TOPIC: Prior map: a map_server YAML, or a topic.
-        pose [NAME=]TOPIC: Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest.
-        start [NAME=]PLACE: Where odometry begins on the map: X,Y,YAW_DEG, or found: the map is searched.
-        truth FILE|NAME=TOPIC: Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder.
-        preset: Detector options for real robots, the paper's, or both (default).
-        check --check: Only check that scans, poses and map fit; write a corrected setup.yaml.
-        film --film: Draw the recording: trial.mp4 and storyboard.png.
-        bag FILE: Write boxes, tracks, foreground, scans and tf to a bag: .mcap, .bag, or a ROS 2 folder.
-        steps N: Only walk frame N, counted from 0, through the paper's equations: steps.html.
-        output DIR: Folder for the results (default results/replay-FILE).
-    """
-
-    setup: Path | None = None
-    map: str | None = None
-    pose: list[str] | None = None
-    start: list[str] | None = None
-    truth: list[str] | None = None
-    preset: Literal["real", "paper", "both"] | None = None
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it.",
+        ),
+    ] = None
+    map: Annotated[
+        str | None,
+        typer.Option("--map", metavar="FILE|TOPIC", help="Prior map: a map_server YAML, or a topic."),
+    ] = None
+    pose: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]TOPIC",
+            help="Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest.",
+        ),
+    ] = None
+    start: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]PLACE",
+            help="Where odometry begins on the map: X,Y,YAW_DEG, or found: the map is searched.",
+        ),
+    ] = None
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE|NAME=TOPIC",
+            help="Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder.",
+        ),
+    ] = None
+    preset: Annotated[
+        Literal["real", "paper", "both"] | None,
+        typer.Option(help="Detector options for real robots, the paper's, or both (default)."),
+    ] = None
     settings: options.Settings = None
-    check: bool = False
-    film: bool = False
-    bag: Path | None = None
-    steps: int | None = None
-    output: Path | None = None
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Only check that scans, poses and map fit; write a corrected setup.yaml."
+        ),
+    ] = False
+    film: Annotated[
+        bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
+    ] = False
+    bag: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write boxes, tracks, foreground, scans and tf to a bag: .mcap, .bag, or a ROS 2 folder.",
+        ),
+    ] = None
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Only walk frame N, counted from 0, through the paper's equations: steps.html."
+        ),
+    ] = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the results (default results/replay-FILE)."
+        ),
+    ] = None
     as_json: options.Json = False
     wide: options.Wide = False
 
@@ -107,10 +145,9 @@ class ReplayOptions:
 def replay(
     files: Annotated[
         list[Path],
-        options.argument(
-            None,
-            "A ROS 1 bag, a ROS 2 bag's folder, an MCAP file, a CSV table or a CARMEN log; several are "
-            "played together.",
+        typer.Argument(
+            help="A ROS 1 bag, a ROS 2 bag's folder, an MCAP file, a CSV table or a CARMEN log; several are "
+            "played together."
         ),
     ],
     given: ReplayOptions,
@@ -166,32 +203,44 @@ def replay(
 def export(
     trial: Annotated[
         str,
-        options.argument(
-            None, "detection, labyrinth, or the folder of a campaign of one of them.", options.offer_exported
+        typer.Argument(
+            autocompletion=options.offer_exported,
+            help="detection, labyrinth, or the folder of a campaign of one of them.",
         ),
     ],
-    bag_format: str | None = None,
-    robots: int | None = None,
-    seed: int | None = None,
+    bag_format: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file); default by the name "
+            "of -o, else mcap.",
+        ),
+    ] = None,
+    robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="The trial's seed (default 1).")
+    ] = None,
     where: options.Where = None,
     frames: options.Number = None,
-    engine: options.Part = None,
+    engine: options.Plugin = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
-    output: Path | None = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="The file, or the folder of ros2 (default results/export-...).",
+        ),
+    ] = None,
     trust: options.Trust = False,
 ) -> None:
     """Run one trial and write every sensor and detector message to a ROS bag.
 
     Foxglove, RViz, 'ros2 bag play' and 'rosbag play' open it without midnet-bench; docs/ros.md lists the
     topics. Of a campaign's folder --seed, --robots and --where name the trial.
-
-    Options:
-        bag_format --format NAME: mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file);
-            default by the name of -o, else mcap.
-        robots N: Security robots (default 5).
-        seed N>=0: The trial's seed (default 1).
-        output PATH: The file, or the folder of ros2 (default results/export-...).
     """
     from midnet_bench.cli.progress import meter
     from midnet_bench.experiments import registry
@@ -229,32 +278,45 @@ def export(
 def node(
     robots: Annotated[
         list[str],
-        options.argument("NAME...", "The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."),
+        typer.Argument(
+            metavar="NAME...", help="The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."
+        ),
     ],
-    ros: Literal["1", "2"] = "2",
-    map_file: Path | None = None,
-    pose: Literal["topic", "tf"] = "topic",
-    mount: str | None = None,
-    no_return: list[str] | None = None,
-    rate: float = 5.0,
-    patience: float = 1.0,
-    preset: Literal["real", "paper"] = "real",
+    ros: Annotated[Literal["1", "2"], typer.Option(help="The version of ROS.")] = "2",
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="The prior map: a map_server YAML (default topic /map)."),
+    ] = None,
+    pose: Annotated[
+        Literal["topic", "tf"], typer.Option(help="Poses are from the topics /NAME/pose, or from tf.")
+    ] = "topic",
+    mount: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,YAW_DEG", help="Where each laser sits on its robot (default from /tf_static)."
+        ),
+    ] = None,
+    no_return: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CODE=MEANING",
+            help="What inf, nan, zero, below or above means: clears (inf, above) or nothing.",
+        ),
+    ] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames a second, by the stamps.")] = 5.0,
+    patience: Annotated[
+        float,
+        typer.Option(metavar="S", help="Make a frame so long after its time even if a robot is silent."),
+    ] = 1.0,
+    preset: Annotated[
+        Literal["real", "paper"], typer.Option(help="Which values: for real robots, or the paper's.")
+    ] = "real",
     settings: options.Settings = None,
 ) -> None:
     """Run MIDNet as a node of ROS: /map, /NAME/scan and poses in, /midnet/detections (MarkerArray) out.
 
     ROS 2: rclpy, or without it midnet-bench[ros2]. ROS 1: rospy (docs/ros.md). Each frame uses exactly the
     messages stamped before it, whatever the playback speed.
-
-    Options:
-        ros: The version of ROS.
-        map_file FILE: The prior map: a map_server YAML (default topic /map).
-        pose: Poses are from the topics /NAME/pose, or from tf.
-        mount X,Y,YAW_DEG: Where each laser sits on its robot (default from /tf_static).
-        no_return CODE=MEANING: What inf, nan, zero, below or above means: clears (inf, above) or nothing.
-        rate HZ: Frames a second, by the stamps.
-        patience S: Make a frame so long after its time even if a robot is silent.
-        preset: Which values: for real robots, or the paper's.
     """
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map

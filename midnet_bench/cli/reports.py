@@ -22,15 +22,62 @@ def compare(
             "DIR...", "Two or more folders of campaigns of one experiment; one with --by, --rank or --exact."
         ),
     ],
-    by: str | None = None,
-    baseline: str | None = None,
-    fail_if_worse: str | None = None,
-    rank: bool = False,
-    of: list[str] | None = None,
-    rank_by: str | None = None,
-    exact: bool = False,
-    update: bool = False,
-    output: Path | None = None,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FACTOR", help="A factor of the only campaign's grid, such as engine: compare its values."
+        ),
+    ] = None,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUE", help="The factor's value that the others are compared with (default the first)."
+        ),
+    ] = None,
+    fail_if_worse: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MEASURE",
+            help="Exit code 1 if this score, such as f1, is significantly worse than the first's.",
+        ),
+    ] = None,
+    rank: Annotated[
+        bool,
+        typer.Option(
+            "--rank", help="Rank what the only campaign compares, the best first, and write leaderboard.md."
+        ),
+    ] = False,
+    of: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="With --rank: a factor whose values are ranked; may be repeated (default: those that name "
+            "code, such as detector and fusion).",
+        ),
+    ] = None,
+    rank_by: Annotated[
+        str | None, typer.Option(metavar="SCORE", help="With --rank: the score, such as f1.")
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="Compare each number with those that are committed: of the packaged campaign of the "
+            "folder's name, or in a second folder. Exit code 1 if any is off.",
+        ),
+    ] = False,
+    update: Annotated[
+        bool, typer.Option("--update", help="With --exact: commit this run's numbers instead; in a checkout.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Also write tables and figures into this folder; with --rank, the page into this file.",
+        ),
+    ] = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -39,19 +86,6 @@ def compare(
 
     Numbers that are compared exactly have to agree in every byte on the platform that made them; elsewhere
     they have to be near.
-
-    Options:
-        by FACTOR: A factor of the only campaign's grid, such as engine: compare its values.
-        baseline VALUE: The factor's value that the others are compared with (default the first).
-        fail_if_worse MEASURE: Exit code 1 if this score, such as f1, is significantly worse than the first's.
-        rank: Rank what the only campaign compares, the best first, and write leaderboard.md.
-        of FACTOR: With --rank: a factor whose values are ranked; may be repeated (default: those that name
-            code, such as detector and fusion).
-        rank_by SCORE: With --rank: the score, such as f1.
-        exact: Compare each number with those that are committed: of the packaged campaign of the folder's
-            name, or in a second folder. Exit code 1 if any is off.
-        update: With --exact: commit this run's numbers instead; in a checkout.
-        output PATH: Also write tables and figures into this folder; with --rank, the page into this file.
     """
     if exact or update:
         from midnet_bench.workflows.verify import compare_exactly
@@ -100,10 +134,26 @@ def compare(
 @command(example="midnet-bench verify results/labyrinth")
 def verify(
     directory: options.ResultsFolder,
-    everything: bool = False,
-    difference: float | None = None,
-    robots: str | None = None,
-    probability: float | None = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="List the claims that hold or are within, too.")
+    ] = False,
+    difference: Annotated[
+        float | None,
+        typer.Option(
+            metavar="POINTS",
+            help="Instead, say how many trials show a change of the labyrinth's success rate by so many "
+            "percentage points.",
+        ),
+    ] = None,
+    robots: Annotated[
+        str | None, typer.Option(metavar="N,N", help="With --difference: the two team sizes (default 4,5).")
+    ] = None,
+    probability: Annotated[
+        float | None,
+        typer.Option(
+            "--power", metavar="P", help="With --difference: probability of detecting it (default 0.8)."
+        ),
+    ] = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -114,13 +164,6 @@ def verify(
     or outside the range of our runs.
 
     Exit code: 0 all hold or are within, 3 some are inconclusive, 4 some do not hold or are outside.
-
-    Options:
-        everything --all: List the claims that hold or are within, too.
-        difference POINTS: Instead, say how many trials show a change of the labyrinth's success rate by so
-            many percentage points.
-        robots N,N: With --difference: the two team sizes (default 4,5).
-        probability --power P: With --difference: probability of detecting it (default 0.8).
     """
     from midnet_bench.workflows import verify as workflow
 
@@ -165,15 +208,40 @@ def _show_claims(directory: Path, found: "Verified", everything: bool) -> None:
 @command(example="midnet-bench errors results/detection --robots 5 --seed 3 --frame 60")
 def errors(
     directory: options.ResultsFolder,
-    robots: int | None = None,
+    robots: Annotated[int | None, typer.Option(metavar="N", help="Only trials with this team size.")] = None,
     where: options.Where = None,
-    seed: int | None = None,
-    frame: int | None = None,
-    grids: Path | None = None,
-    steps: Path | None = None,
-    guard: int | None = None,
-    versus: Path | None = None,
-    versus_where: list[str] | None = None,
+    seed: Annotated[int | None, typer.Option(help="Only this seed's trials.")] = None,
+    frame: Annotated[
+        int | None, typer.Option(help="Explain each error of this frame, counted from 1, in a line.")
+    ] = None,
+    grids: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="With --frame: draw each guard's grids A to D into this folder; the trial runs again.",
+        ),
+    ] = None,
+    steps: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="With --frame: walk the frame through the paper's equations, a page in this folder; the "
+            "trial runs again, recorded or not.",
+        ),
+    ] = None,
+    guard: Annotated[
+        int | None, typer.Option(metavar="N", help="With --steps: whose grids are shown, from 1.")
+    ] = None,
+    versus: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OTHER_DIR",
+            help="Another recorded campaign: count errors of both, and of one alone, by cause.",
+        ),
+    ] = None,
+    versus_where: Annotated[
+        list[str] | None, typer.Option(metavar="FACTOR=VALUE", help="As --where, of the other campaign.")
+    ] = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -181,17 +249,6 @@ def errors(
     """List the causes of missed intruders and false boxes in a recorded campaign.
 
     Trials are recorded with '--record'. --frame explains one frame; --versus compares two campaigns.
-
-    Options:
-        robots N: Only trials with this team size.
-        seed: Only this seed's trials.
-        frame: Explain each error of this frame, counted from 1, in a line.
-        grids DIR: With --frame: draw each guard's grids A to D into this folder; the trial runs again.
-        steps DIR: With --frame: walk the frame through the paper's equations, a page in this folder; the
-            trial runs again, recorded or not.
-        guard N: With --steps: whose grids are shown, from 1.
-        versus OTHER_DIR: Another recorded campaign: count errors of both, and of one alone, by cause.
-        versus_where FACTOR=VALUE: As --where, of the other campaign.
     """
     from midnet_bench.workflows import errors as workflow
 
@@ -228,33 +285,41 @@ def errors(
 @command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
 def render(
     experiment: Annotated[
-        str, options.argument(None, "detection or labyrinth.", options.offer_experiments)
+        str,
+        typer.Argument(autocompletion=options.offer_experiments, help="detection, labyrinth, or your own."),
     ] = "detection",
-    robots: int | None = None,
+    robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
     intruders: options.Number = None,
     frames: options.Number = None,
     seed: options.Seed = options.SEED,
-    frame: int | None = None,
-    clip: bool = True,
-    speed: float = 4.0,
-    scans: bool = False,
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Which frame the pictures show, counted from 1 (default 100 or the last)."
+        ),
+    ] = None,
+    clip: Annotated[
+        bool, typer.Option("--clip/--no-clip", help="Make a film (MP4) and a storyboard of the whole trial.")
+    ] = True,
+    speed: Annotated[
+        float, typer.Option(metavar="FACTOR", help="How much faster than real time the film runs.")
+    ] = 4.0,
+    scans: Annotated[
+        bool, typer.Option("--scans/--no-scans", help="Show the returns of the robots' LiDARs.")
+    ] = False,
     arena: options.Arena = None,
-    engine: options.Part = None,
-    robot_model: options.Part = None,
+    engine: options.Plugin = None,
+    robot_model: options.Plugin = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
-    output: Path | None = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the pictures (default results/render-...)."
+        ),
+    ] = None,
 ) -> None:
-    """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film.
-
-    Options:
-        robots N: Security robots (default 5).
-        frame N: Which frame the pictures show, counted from 1 (default 100 or the last).
-        clip --clip/--no-clip: Make a film (MP4) and a storyboard of the whole trial.
-        speed FACTOR: How much faster than real time the film runs.
-        scans --scans/--no-scans: Show the returns of the robots' LiDARs.
-        output DIR: Folder for the pictures (default results/render-...).
-    """
+    """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""
     from midnet_bench.cli.progress import meter
     from midnet_bench.experiments import registry
     from midnet_bench.workflows.render import render_trial

@@ -196,10 +196,6 @@ MAPPING = Experiment(
     figures=later("midnet_bench.experiments.figures:mapping_figures"),
 )
 _OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING)}
-_GONE = {
-    "robustness": "it is a 'detection' campaign with variants now: 'midnet-bench run robustness'",
-    "scale": "it simulates nothing: 'python -m benchmarks.scale' has its numbers",
-}
 
 
 def names() -> list[str]:
@@ -216,8 +212,6 @@ def experiment(name: str) -> Experiment:
     """
     if name in _OWN:
         return _OWN[name]
-    if name in _GONE:
-        raise InputError(f"experiment: '{name}': {_GONE[name]}")
     if ":" in name:
         return _checked(name, load_reference(name))
     for point in offered(ENTRY_POINTS):

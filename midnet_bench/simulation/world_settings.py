@@ -10,6 +10,11 @@ from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.settings import Scalar, Settings, group, option
 from midnet_bench.simulation.engine import SIMULATORS
 
+_ENGINES = {
+    "bullet": "PyBullet, with wheels on a floor",
+    "fast": "compiled loops of our own, planar and several times as fast",
+    "mujoco": "MuJoCo, planar, with the extra midnet-bench[mujoco]",
+}
 LidarNoise = Literal["gazebo", "datasheet", "none"]
 
 
@@ -19,9 +24,7 @@ class WorldSettings(Settings):
 
     engine: str = option(
         "bullet",
-        "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), "
-        "compiled loops of our own, planar and several times as fast (fast), MuJoCo, planar, with the"
-        " extra midnet-bench[mujoco] (mujoco), or yours as package.module:NAME or file.py:NAME.",
+        f"What moves the robots and casts their beams: {SIMULATORS.choices(**_ENGINES)}.",
         source="ours: PyBullet, for the paper's Gazebo (III)",
     )
     step_hz: int = option(
@@ -171,8 +174,8 @@ class SimulationSettings(Settings):
 
     robot: str = option(
         "burger",
-        "What guards, explorers and mobile intruders are: burger or waffle (TurtleBot3), or your own "
-        "RobotModel as package.module:NAME or file.py:NAME.",
+        "What guards, explorers and mobile intruders are: "
+        f"{ROBOTS.choices('your own RobotModel', burger='TurtleBot3', waffle='TurtleBot3')}.",
         source="paper: III, Turtlebot3 Burgers",
     )
     world: WorldSettings = group(WorldSettings(), "world")

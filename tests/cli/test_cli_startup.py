@@ -27,13 +27,14 @@ def loaded(program: str, *arguments: object) -> set[str]:
     return set(done.stdout.splitlines()[-1].split()[1:])
 
 
-def test_help_needs_little_more_than_typer() -> None:
+@pytest.mark.parametrize("words", ["--help", "detection -h", "arena -h"])
+def test_help_needs_little_more_than_typer(words: str) -> None:
     found = loaded(
-        "sys.argv = ['midnet-bench', '--help']\n"
+        f"sys.argv = ['midnet-bench', *{words.split()}]\n"
         "from midnet_bench.cli import main\n"
         "try:\n    main()\nexcept SystemExit as leaving:\n    assert leaving.code == 0"
     )
-    heavy = "rich numpy pydantic yaml pandas scipy matplotlib numba joblib sqlite3"
+    heavy = "rich tabulate cv2 numpy pydantic yaml pandas scipy matplotlib numba joblib sqlite3"
     assert "typer" in found
     assert not found & set(heavy.split())
 

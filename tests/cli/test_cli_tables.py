@@ -55,6 +55,44 @@ def test_a_table_of_intervals_is_never_cut(columns: int, width: int) -> None:
         assert word in text or all(part in text for part in word.split())
 
 
+def test_a_table_is_laid_out_by_hand() -> None:
+    rows = [
+        {"trial": "1 robot, local_map decay", "score": Estimate(0.5, 0.25, 0.75, 20), "false boxes": 3},
+        {"trial": "2 robots", "score": Estimate(math.nan, math.nan, math.nan, 0), "false boxes": 12},
+    ]
+    table = Table("some", "What it is", rows, notes=("A note.",), labels={"false boxes": "false positives"})  # type: ignore[arg-type]
+    assert drawn(table, None).splitlines() == [
+        "What it is",
+        "trial                                    score  false positives",
+        "1 robot, local_map decay  0.500 [0.250, 0.750]                3",
+        "2 robots                                   n/a               12",
+        "A note.",
+    ]
+    assert drawn(table, 60).splitlines()[1:4] == [
+        "                                                    false",
+        "trial                                    score  positives",
+        "1 robot, local_map decay  0.500 [0.250, 0.750]          3",
+    ]
+    assert drawn(table, 50).splitlines()[3:6] == [
+        "1 robot, local_map           0.500          3",
+        "decay               [0.250, 0.750]",
+        "2 robots                       n/a         12",
+    ]
+    assert drawn(table, 44).splitlines()[1:4] == [
+        "1 robot, local_map decay",
+        "  score            0.500 [0.250, 0.750]",
+        "  false positives  3",
+    ]
+
+
+def test_blanks_behind_a_number_keep_it_below_another() -> None:
+    table = Table(
+        "some", "T", [{"source": "ours", "F1": "0.980 ±.025"}, {"source": "paper", "F1": "0.975      "}]
+    )
+    assert drawn(table, 80).splitlines()[2:] == ["ours    0.980 ±.025", "paper   0.975"]
+    assert drawn(Table("some", "T", [{"": "", "F1": 0.5}]), 80).splitlines()[1:] == ["     F1", "  0.500"]
+
+
 def test_columns_are_left_out_by_priority_and_the_table_says_so() -> None:
     row = {"trial": "1-robot"} | {f"c{k}": 0.123456 for k in range(9)}
     table = Table("some", "T", [row], beside=("c3", "c8", "c1"))  # type: ignore[list-item]

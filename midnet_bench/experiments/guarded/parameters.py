@@ -24,7 +24,7 @@ from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
 from midnet_bench.plugins import DETECTORS, FUSIONS
-from midnet_bench.scoring.metric import NONE, pinned_metrics
+from midnet_bench.scoring.metric import METRICS, NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import NetworkSettings, SimulationSettings
 
@@ -97,20 +97,18 @@ class GuardParameters(Parameters):
     )
     detector: str = option(
         "midnet",
-        "Detector: midnet, subtraction, clusters, background, or your own as package.module:NAME or "
-        "file.py:NAME; its options follow in brackets, such as clusters(noise_m=0.02).",
+        f"Detector: {DETECTORS.choices()}; its options follow in brackets, such as clusters(noise_m=0.02).",
         source="paper: IV",
     )
     fusion: str = option(
         "paper",
-        "Fusion of the guards' boxes into one list: paper (Algorithms 3 and 4), none, suppression, "
-        "components, weighted, centres, tracks, or your own, given as a detector is.",
+        f"Fusion of the guards' boxes into one list: {FUSIONS.choices(paper='Algorithms 3 and 4')}.",
         source="paper: IV.C.2, Algorithms 3 and 4",
     )
     metrics: str = option(
         NONE,
-        "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot, events or your"
-        " own as package.module:NAME or file.py:NAME; several with semicolons between them.",
+        f"Further metrics, taken frame by frame: none, {METRICS.choices()}; several with semicolons between "
+        "them.",
         source="ours: off, the paper has none beside Eqs. 8 to 12",
     )
     record: bool = option(
