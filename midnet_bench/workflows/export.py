@@ -59,7 +59,7 @@ def export_trial(
     # what is kept and measured of a trial has no place in a bag
     given = {key: value for key, value in parameters.items() if key not in ("record", "metrics")}
     checked = found.parameters.parse(given, f"export: {experiment}")
-    trial: Any = None if found.trial is None else found.trial(checked, seed)
+    trial: Any = None if found.trials.frames is None else found.trials.frames(checked, seed)
     has_guards = isinstance(trial, GuardedArena)
     if not has_guards:
         raise InputError(f"export: '{experiment}' has no guards; detection and labyrinth have")
