@@ -52,7 +52,7 @@ def make_map(
     """Make a map: explore an arena, run SLAM over a log, draw an arena exactly, or resample a map.
 
     Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
-    give pictures and a film of the growing map; an exploration gives scores.
+    give a picture and a film of the growing map; an exploration gives scores.
 
     Options:
         exact: Draw the arena's walls without exploring.
@@ -62,7 +62,7 @@ def make_map(
             with --particles).
         particles N>=1: Number of GMapping particles (default 30).
         seed N>=0: Random seed (default 1).
-        clip --clip/--no-clip: Make a film (MP4) of the growing map (default clip).
+        clip --clip/--no-clip: Make a film (MP4) of the map's picture as it grows (default clip).
         output PATH: Folder, or the map's YAML file; all else goes beside it (default results/map-NAME).
     """
     if [arena, from_log, from_map].count(None) != 2:
