@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,17 +68,6 @@ CHASE: Mapping[str, Scalar] = {
 
 
 @dataclass(frozen=True)
-class Checked:
-    """The result of a check."""
-
-    option: str  # that the plug-in is for
-    name: str  # what was checked, with its pin
-    faults: list[str]  # a line for each; empty without faults
-    frame_ms: float | None
-    """median time of a frame of four robots; None with faults, or where frames do not call it"""
-
-
-@dataclass(frozen=True)
 class Frame:
     """What plug-ins get at one frame of a recorded trial; its arrays cannot be written to."""
 
@@ -125,20 +114,29 @@ class Plugin(NamedTuple):
 
 
 @dataclass
-class Case:
-    """A plug-in under check."""
+class Checked:
+    """A plug-in under check, and what came of it."""
 
     plugin: Plugin
     name: str  # with its pin
+    faults: list[str] = field(default_factory=list)  # a line for each; empty without faults
     times_s: list[float] = field(default_factory=list)  # of each frame that called it
     elsewhere: bytes | None = None  # the tables of a short trial in another process
 
     @property
+    def option(self) -> str:
+        """The option that it is for."""
+        return self.plugin.point.option
+
+    @cached_property
     def frame_ms(self) -> float | None:
-        """Median time of a frame."""
-        if self.plugin.point is SIMULATORS:
+        """Median time of a frame of four robots; None with faults, or where frames do not call it."""
+        point = self.plugin.point
+        if not self.faults and point is SIMULATORS:
             return _engine_ms(self.name)
-        return 1e3 * statistics.median(self.times_s) if self.times_s else None
+        if point in (DETECTORS, FUSIONS) and point.is_made_here(self.name):
+            return recorded().paper_ms
+        return 1e3 * statistics.median(self.times_s) if self.times_s and not self.faults else None
 
     def trial(self) -> tuple[Any, Any]:
         """What runs a short trial with it, and the trial's spec."""
@@ -172,7 +170,7 @@ class Row(NamedTuple):
     """One check, and the extension points whose plug-ins it is for."""
 
     of: tuple[ExtensionPoint, ...]
-    faults: Callable[[Case], Faults]
+    faults: Callable[[Checked], Faults]
     ends: bool = False  # whether a fault here ends the check: the rows below would say it again
 
 
@@ -189,32 +187,29 @@ def check(thing: str) -> Checked:
     if thing.endswith(".py"):
         raise InputError(f"{thing}: which class? {_classes_in(Path(thing))}")
     plugin = _plugin_of(thing)
-    point, case = plugin.point, Case(plugin, plugin.point.pinned(thing))
+    point, case = plugin.point, Checked(plugin, plugin.point.pinned(thing))
     if point.is_made_here(case.name):
-        own_ms = recorded().paper_ms if point in (DETECTORS, FUSIONS) else case.frame_ms
-        return Checked(point.option, case.name, [], own_ms)
-    run_trials, spec = Case(plugin, next(iter(point.own))).trial()
+        return case
+    run_trials, spec = Checked(plugin, next(iter(point.own))).trial()
     run_trials([spec])  # compiles what it needs: the time limit is for the plug-in alone
-    faults: list[str] = []
     states = random.getstate(), np.random.get_state()  # noqa: NPY002
     for row in (row for row in ROWS if point in row.of):
         try:
-            faults += [point.line_of(case.name) + line for line in row.faults(case)]
+            case.faults += [point.line_of(case.name) + line for line in row.faults(case)]
         except PluginError as error:  # it names file and line
-            faults.append(str(error))
-        if faults and row.ends:
+            case.faults.append(str(error))
+        if case.faults and row.ends:
             break
     random.setstate(states[0])
     np.random.set_state(states[1])  # noqa: NPY002
-    return Checked(point.option, case.name, list(dict.fromkeys(faults)), None if faults else case.frame_ms)
+    return replace(case, faults=list(dict.fromkeys(case.faults)))
 
 
 def detector_ms(name: str) -> float:
     """Median time of a frame of four robots by a pinned detector, ms; the paper's includes its fusion."""
-    if DETECTORS.is_made_here(name):
-        return recorded().paper_ms
-    case = Case(PLUGINS[0], name)
-    case.answers()
+    case = Checked(PLUGINS[0], name)
+    if not DETECTORS.is_made_here(name):
+        case.answers()
     return case.frame_ms or 0.0
 
 
@@ -369,7 +364,7 @@ def _engine_ms(name: str) -> float:
     return 1e3 * statistics.median(times_s)
 
 
-def _runs_elsewhere(case: Case) -> list[str]:
+def _runs_elsewhere(case: Checked) -> list[str]:
     """A short trial in another process, where it may hang, fail or end the process."""
     run_trials, spec = case.trial()
     with tempfile.TemporaryDirectory() as folder:
@@ -387,7 +382,7 @@ def _runs_elsewhere(case: Case) -> list[str]:
     raise PluginError(outcome.failure.splitlines()[-1].split("PluginError: ", 1)[-1])
 
 
-def _runs_here_alike(case: Case) -> Faults:
+def _runs_here_alike(case: Checked) -> Faults:
     run_trials, spec = case.trial()
     if attempt(run_trials, [spec], LIMIT_S)[0].payload != case.elsewhere:
         yield (
@@ -396,7 +391,7 @@ def _runs_here_alike(case: Case) -> Faults:
         )
 
 
-def _answers_within_bounds(case: Case) -> Faults:
+def _answers_within_bounds(case: Checked) -> Faults:
     """To frames whose arrays cannot be written to."""
     answers = case.answers()
     if case.plugin.bounds is None:
@@ -409,7 +404,7 @@ def _answers_within_bounds(case: Case) -> Faults:
             return
 
 
-def _answers_alike(case: Case) -> Faults:
+def _answers_alike(case: Checked) -> Faults:
     first, other, again = ([(one.shape, one.tobytes()) for one in case.answers(seed)] for seed in (1, 2, 1))
     if first != again:
         yield "it answers otherwise the second time: does it keep state at the class, or read the clock?"
@@ -417,7 +412,7 @@ def _answers_alike(case: Case) -> Faults:
         yield "it draws from the global random numbers: take a generator with a fixed seed"
 
 
-def _answers_rare(what: str, case: Case) -> list[str]:
+def _answers_rare(what: str, case: Checked) -> list[str]:
     """A frame as it is rare in trials."""
     try:
         case.answers(frames=[_rare(recorded().frames[-1])[what]])
@@ -426,7 +421,7 @@ def _answers_rare(what: str, case: Case) -> list[str]:
     return []
 
 
-def _moves_alike(case: Case) -> Faults:
+def _moves_alike(case: Checked) -> Faults:
     one, other = _world(case.name), _world(case.name)
     for world in (one, other):
         _drive(world, Command(0.15, 0.6), 1.0)
@@ -434,7 +429,7 @@ def _moves_alike(case: Case) -> Faults:
         yield "two worlds that were made and driven alike differ: hidden randomness, or shared state?"
 
 
-def _beams_end_at_walls(case: Case) -> Faults:
+def _beams_end_at_walls(case: Checked) -> Faults:
     """Where those of the fast engine do."""
     own, fast = _world(case.name), _world("fast")
     cosines, sines = np.ascontiguousarray(directions(LDS_01.angles_rad).T)
@@ -447,19 +442,14 @@ def _beams_end_at_walls(case: Case) -> Faults:
         yield f"cast: {is_off.mean():.0%} of beams end more than 1 mm from where walls begin"
 
 
-def _moves(case: Case) -> Faults:
-    """How robots start, drive, turn and stop, and what wheels roll: on an engine; a robot on each of two."""
-    if case.plugin.point is SIMULATORS:
-        yield from _motion_faults(_world(case.name))
-        return
-    for engine in ("fast", "bullet"):
-        with contextlib.suppress(ImportError):  # without PyBullet
-            world = _world(engine, ROBOTS.make(case.name))
-            yield from (f"on {engine}: {fault}" for fault in _motion_faults(world))
+def _robot_moves(engine: str, case: Checked) -> Faults:
+    with contextlib.suppress(ImportError):  # without PyBullet
+        world = _world(engine, ROBOTS.make(case.name))
+        yield from (f"on {engine}: {fault}" for fault in _motion_faults(world))
 
 
 def _motion_faults(world: World) -> Faults:
-    """Of a world that is closed in the end."""
+    """How robots start, drive, turn and stop, and what their wheels roll; closes the world."""
     robot, starts = world.robot, np.array(world.layout.robots)
     off = world.poses() - starts
     off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
@@ -503,7 +493,8 @@ ROWS = (
     Row(CALLED, _answers_within_bounds, ends=True),
     Row(CALLED, _answers_alike),
     *(Row(CALLED, partial(_answers_rare, what)) for what in RARE),
-    Row((SIMULATORS, ROBOTS), _moves),
+    *(Row((ROBOTS,), partial(_robot_moves, engine)) for engine in ("fast", "bullet")),
+    Row((SIMULATORS,), lambda case: _motion_faults(_world(case.name))),
     Row((SIMULATORS,), _moves_alike),
     Row((SIMULATORS,), _beams_end_at_walls),
     Row(EVERY, _runs_here_alike),

@@ -85,7 +85,9 @@ def test_an_exploration_is_filmed_and_the_same_seed_gives_the_same_bytes(tmp_pat
     folder = tmp_path / "filmed"
     film = cv2.VideoCapture(str(folder / "map.mp4"))
     (score,) = rows(folder / "scores.csv")
-    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 1 + round(float(score["time_s"])) + 20  # the start, and the end
+    assert (
+        film.get(cv2.CAP_PROP_FRAME_COUNT) == 1 + round(float(score["time_s"])) + 20
+    )  # the start, and the end
 
     told = json.loads(worked(*run, "--no-clip", "--json", "-o", "again.yaml", folder=tmp_path).stdout)
     assert told["tables"]["scores"][0]["robots"] == 2

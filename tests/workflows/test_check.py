@@ -15,7 +15,7 @@ from midnet_bench.workflows.check import (
     PLUGINS,
     ROWS,
     SHORT,
-    Case,
+    Checked,
     Row,
     check,
     recorded,
@@ -136,7 +136,7 @@ def faults_without_trials(point: ExtensionPoint, name: str) -> list[str]:
     """By the rows that ask things of plug-ins of this extension point alone."""
     (plugin,) = (plugin for plugin in PLUGINS if plugin.point is point)
     own_rows: list[Row] = [row for row in ROWS if point in row.of and row.of != EVERY]
-    return [fault for row in own_rows for fault in row.faults(Case(plugin, name))]
+    return [fault for row in own_rows for fault in row.faults(Checked(plugin, name))]
 
 
 @pytest.mark.parametrize(
