@@ -83,7 +83,7 @@ def removed_from_intruders(frames: Iterable[RecordedFrame], errors: Iterable[Row
             if gap_to_teammate_m(found.box, found.guard, axles) <= NEAR_TEAMMATE_M
             and any(touches(found.box, truth.box) for truth in frame.truths)
         ]
-        removed = sum(found.other is not None for found in near)
+        removed = sum(found.ally is not None for found in near)
         count = Count(count.frames + 1, count.boxes + removed, count.of + len(near))
     return count
 

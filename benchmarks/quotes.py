@@ -1401,9 +1401,9 @@ QUOTES = [
     ),
     Quote(
         "docs/recordings.md",
-        "has {} boxes of single returns on `overtake_red`, and {} misses outside",
+        "has {} boxes of one return alone (`ghost`) on `overtake_red`, and {} misses outside",
         lambda: [
-            recording_cause("overtake_red", "single_return"),
+            recording_cause("overtake_red", "ghost"),
             recording_cause("intersection", "outside_window"),
         ],
     ),

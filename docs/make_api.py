@@ -31,6 +31,8 @@ GROUPS = {
         "load_campaign",
         "run_campaign",
         "Experiment",
+        "Trials",
+        "Report",
     ),
     "Errors": ("MidnetBenchError", "InputError"),
 }

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from midnet_bench.errors import InputError as InputError
     from midnet_bench.errors import MidnetBenchError as MidnetBenchError
     from midnet_bench.experiments.registry import Experiment as Experiment
+    from midnet_bench.experiments.registry import Report as Report
+    from midnet_bench.experiments.registry import Trials as Trials
     from midnet_bench.geometry import Box as Box
     from midnet_bench.geometry import Pose2D as Pose2D
     from midnet_bench.grid import OccupancyGrid as OccupancyGrid
@@ -39,7 +41,7 @@ __version__ = "0.1.0"
 _NAMES = {
     "campaign.definition": ("Campaign",),
     "errors": ("InputError", "MidnetBenchError"),
-    "experiments.registry": ("Experiment",),
+    "experiments.registry": ("Experiment", "Report", "Trials"),
     "geometry": ("Box", "Pose2D"),
     "grid": ("OccupancyGrid",),
     "io.map_server": ("load_map",),

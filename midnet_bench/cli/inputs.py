@@ -141,14 +141,14 @@ def check(
     found = checked_thing(thing)
     if as_json:
         frame_ms = None if found.frame_ms is None else round(found.frame_ms, 3)
-        said = {"seam": found.seam, "name": found.name, "faults": found.faults, "frame_ms": frame_ms}
+        said = {"option": found.option, "name": found.name, "faults": found.faults, "frame_ms": frame_ms}
         print_json(said)
     elif found.faults:
         typer.echo("\n".join(found.faults))
     elif found.frame_ms is None:
-        typer.echo(f"ok ({found.seam} {found.name})")
+        typer.echo(f"ok ({found.option} {found.name})")
     else:
-        typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({found.seam} {found.name}, four robots)")
+        typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({found.option} {found.name}, four robots)")
     if found.faults:
         raise typer.Exit(BROKEN)
 

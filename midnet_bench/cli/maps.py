@@ -62,7 +62,7 @@ def make_map(
     seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Random seed (default 1).")] = None,
     clip: Annotated[
         bool | None,
-        typer.Option("--clip/--no-clip", help="Make a film (MP4) of the growing map (default clip)."),
+        typer.Option("--clip/--no-clip", help="Make a film (MP4) of the map's picture as it grows (default clip)."),
     ] = None,
     engine: options.Plugin = None,
     robot_model: options.Plugin = None,
@@ -81,7 +81,7 @@ def make_map(
     """Make a map: explore an arena, run SLAM over a log, draw an arena exactly, or resample a map.
 
     Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
-    give pictures and a film of the growing map; an exploration gives scores.
+    give a picture and a film of the growing map; an exploration gives scores.
     """
     if [arena, from_log, from_map].count(None) != 2:
         raise InputError("map: give either an arena, such as map1, or --from-log FILE, or --from-map FILE")

@@ -246,7 +246,7 @@ def export(
     from midnet_bench.experiments import registry
     from midnet_bench.io.files import plain_name
     from midnet_bench.recording.files.writer import ending_of, format_of
-    from midnet_bench.workflows.export import export_trial, trial_of
+    from midnet_bench.workflows.export import export_trial, setup_beside, trial_of
 
     ending = ending_of(bag_format or "mcap")
     bag_format = format_of(output or Path(f"trial{ending}"), bag_format)
@@ -272,6 +272,7 @@ def export(
             progress=lambda done, most: bar.show(done, most, f"frame {done} of at most {most}"),
         )
     typer.echo(path)
+    messages.note(f"to detect on it again: midnet-bench replay {path} --setup {setup_beside(path)}")
 
 
 @command(example="midnet-bench node guard_1 guard_2 --ros 2 --set local_size_m=6")

@@ -55,16 +55,9 @@ def _no_figures(results: object) -> "Mapping[str, Figure]":
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment:
-    """An experiment: its parameters, one trial of it, and what is made of a campaign's results.
+class Trials:
+    """What runs of an experiment."""
 
-    Importing a record should be cheap: ``plugins.later`` imports a function when it is called. ``results`` is
-    an ``analysis.frames.Results``.
-    """
-
-    name: str
-    summary: str  # one sentence for the help
-    parameters: "type[Parameters]"  # the class of its parameters
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
     result_key: Callable[[Any], Hashable] | None = None
@@ -74,8 +67,17 @@ class Experiment:
     """parameters -> what trials of one seed have to agree in for ``run_together``"""
     run_together: "Callable[[Sequence[Any], int], Sequence[TrialResult | Exception]] | None" = None
     """([parameters], seed) -> of each what ``run`` gives, or raises, in one simulation"""
-    columns: "Tables" = field(default_factory=dict)
-    """the tables that ``run`` gives and what their columns hold; nothing is checked unless given"""
+    frames: Callable[..., Any] | None = None
+    """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate``; else None"""
+    demo: Callable[..., Any] | None = None
+    """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
+    ``midnet-bench render``; None if there is nothing to draw"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What is reported of an experiment's results, each an ``analysis.frames.Results``."""
+
     tables: "Callable[[Results], Sequence[Table]]" = _nothing
     """what ``report`` writes, prints (unless ``printed`` says otherwise) and gives as JSON"""
     printed: tuple[str, ...] = ()  # names of the main tables; all unless given
@@ -90,36 +92,52 @@ class Experiment:
     measures: "Callable[[Results], DataFrame] | None" = None
     """the main scores of each trial, for ``compare`` and ``report --x``: a data frame with the columns
     ``seed``, ``measure`` and ``value`` beside those of the factors; ``analysis.compare.tidy`` makes one"""
-    recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
-    """the recorded trials, for the player of ``report.html``: each is made at its first use; there
-    are none without a table ``recorded``"""
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """main score -> the least and the greatest value that it can have, where no column is called so"""
     lower_is_better: tuple[str, ...] = ()  # those of the main scores that are the better the lower they are
     ranked_by: tuple[str, ...] = ()  # those of them that ``leaderboard`` ranks by
+    recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
+    """the recorded trials, for the player of ``report.html``: each is made at its first use; there
+    are none without a table ``recorded``"""
     comparison_tables: "Callable[[Mapping[str, Results]], Sequence[Table]]" = _nothing
     """tables of several campaigns side by side, by the campaigns' names"""
     comparison_figures: "Callable[[Mapping[str, Results]], Mapping[str, Figure]]" = _no_figures
     """figures of several campaigns side by side"""
     power: "Callable[[Results, float, tuple[int, int], float], Table] | None" = None
     """(results, difference, team sizes, power) -> the sample sizes that show that difference"""
-    trial: Callable[..., Any] | None = None
-    """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate``; else None"""
-    demo: Callable[..., Any] | None = None
-    """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
-    ``midnet-bench render``; None if there is nothing to draw"""
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether it draws a campaign's results in a way of its own."""
+        return self.figures is not _no_figures
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """An experiment: its parameters, what runs, what is stored, and what is reported.
+
+    Importing a record should be cheap: ``plugins.later`` imports a function when it is called.
+    """
+
+    name: str
+    summary: str  # one sentence for the help
+    parameters: "type[Parameters]"  # the class of its parameters
+    trials: Trials
+    columns: "Tables" = field(default_factory=dict)
+    """the tables that a trial gives and what their columns hold; nothing is checked unless given"""
+    report: Report = field(default_factory=Report)
 
     def wants_less(self, measure: str) -> bool:
-        """Whether less of a score is better: of a main one by ``lower_is_better``, of a metric by its name.
+        """Whether less of a score is better: of a main one by the report, of a metric by its name.
 
         A metric whose name ends in ``_s`` or ``_m`` is a time or an error; it may count what went wrong.
         """
-        return measure in self.lower_is_better or measure.endswith(WANTED_LOW)
+        return measure in self.report.lower_is_better or measure.endswith(WANTED_LOW)
 
     def range_of(self, measure: str) -> tuple[float, float]:
-        """The least and the greatest value of a score, by ``ranges`` or the column of that name."""
-        if measure in self.ranges:
-            return self.ranges[measure]
+        """The least and the greatest value of a score, by the report or the column of that name."""
+        if measure in self.report.ranges:
+            return self.report.ranges[measure]
         for table in self.columns.values():
             column = table.columns.get(measure)
             if column is not None and column.kind in (int, float):
@@ -128,72 +146,80 @@ class Experiment:
 
     def sharing(self, parameters: Any) -> Sharing:
         """What the trials of these parameters share with others of their seed."""
-        result_key = parameters if self.result_key is None else self.result_key(parameters)
-        if self.simulation_key is None or self.run_together is None:
+        trials = self.trials
+        result_key = parameters if trials.result_key is None else trials.result_key(parameters)
+        if trials.simulation_key is None or trials.run_together is None:
             return Sharing(result_key, result_key)
-        return Sharing(self.simulation_key(parameters), result_key)
-
-    @property
-    def has_figures(self) -> bool:
-        """Whether it draws a campaign's results in a way of its own."""
-        return self.figures is not _no_figures
+        return Sharing(trials.simulation_key(parameters), result_key)
 
 
 DETECTION = Experiment(
     name="detection",
     summary="Map 1, section V.A: which intruders are detected, frame by frame.",
     parameters=DetectionParameters,
-    run=later("midnet_bench.experiments.detection.trial:run_detection"),
-    result_key=later("midnet_bench.experiments.detection.parameters:result_key"),
-    simulation_key=later("midnet_bench.experiments.detection.parameters:simulation_key"),
-    run_together=later("midnet_bench.experiments.detection.trial:run_together"),
+    trials=Trials(
+        run=later("midnet_bench.experiments.detection.trial:run_detection"),
+        result_key=later("midnet_bench.experiments.detection.parameters:result_key"),
+        simulation_key=later("midnet_bench.experiments.detection.parameters:simulation_key"),
+        run_together=later("midnet_bench.experiments.detection.trial:run_together"),
+        frames=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
+        demo=later("midnet_bench.experiments.scenes:detection_demo"),
+    ),
     columns=columns.DETECTION,
-    tables=later("midnet_bench.experiments.detection.tables:tables"),
-    printed=("detection_summary", "detection_counting", "detection_matching", "metrics_summary"),
-    headline=later("midnet_bench.experiments.detection.conclusions:headline"),
-    claims=later("midnet_bench.experiments.detection.conclusions:claims"),
-    measures=later("midnet_bench.experiments.detection.tables:measures"),
-    figures=later("midnet_bench.experiments.figures:detection_figures"),
-    sweeps_beside=True,
-    recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
-    ranges={"f1_one_to_one": (0.0, 1.0), "gospa_per_frame_m": (0.0, math.inf)},
-    lower_is_better=("gospa_per_frame_m",),
-    ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
-    trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
-    demo=later("midnet_bench.experiments.scenes:detection_demo"),
+    report=Report(
+        tables=later("midnet_bench.experiments.detection.tables:tables"),
+        printed=("detection_summary", "detection_counting", "detection_matching", "metrics_summary"),
+        headline=later("midnet_bench.experiments.detection.conclusions:headline"),
+        figures=later("midnet_bench.experiments.figures:detection_figures"),
+        sweeps_beside=True,
+        claims=later("midnet_bench.experiments.detection.conclusions:claims"),
+        measures=later("midnet_bench.experiments.detection.tables:measures"),
+        ranges={"f1_one_to_one": (0.0, 1.0), "gospa_per_frame_m": (0.0, math.inf)},
+        lower_is_better=("gospa_per_frame_m",),
+        ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
+        recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
+    ),
 )
 LABYRINTH = Experiment(
     name="labyrinth",
     summary="Map 2, section V.B: which intruders are caught before they escape.",
     parameters=LabyrinthParameters,
-    run=later("midnet_bench.experiments.labyrinth.trial:run_labyrinth"),
-    result_key=later("midnet_bench.experiments.labyrinth.parameters:result_key"),
+    trials=Trials(
+        run=later("midnet_bench.experiments.labyrinth.trial:run_labyrinth"),
+        result_key=later("midnet_bench.experiments.labyrinth.parameters:result_key"),
+        frames=later("midnet_bench.experiments.labyrinth.trial:LabyrinthTrial"),
+        demo=later("midnet_bench.experiments.scenes:labyrinth_demo"),
+    ),
     columns=columns.LABYRINTH,
-    tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
-    printed=("success_rate", "metrics_summary", "labyrinth_health", "labyrinth_speed"),
-    headline=later("midnet_bench.experiments.labyrinth.tables:headline"),
-    claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
-    measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
-    recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
-    ranges={"caught_percent": (0.0, 100.0), "time_to_capture_s": (0.0, math.inf)},
-    lower_is_better=("duration_s", "time_to_capture_s"),
-    ranked_by=("caught_percent", "time_to_capture_s"),
-    comparison_tables=later("midnet_bench.experiments.labyrinth.tables:comparison_tables"),
-    power=later("midnet_bench.experiments.labyrinth.tables:power_table"),
-    figures=later("midnet_bench.experiments.figures:labyrinth_figures"),
-    comparison_figures=later("midnet_bench.experiments.figures:comparison_figures"),
-    trial=later("midnet_bench.experiments.labyrinth.trial:LabyrinthTrial"),
-    demo=later("midnet_bench.experiments.scenes:labyrinth_demo"),
+    report=Report(
+        tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
+        printed=("success_rate", "metrics_summary", "labyrinth_health", "labyrinth_speed"),
+        headline=later("midnet_bench.experiments.labyrinth.tables:headline"),
+        figures=later("midnet_bench.experiments.figures:labyrinth_figures"),
+        claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
+        measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
+        ranges={"caught_percent": (0.0, 100.0), "time_to_capture_s": (0.0, math.inf)},
+        lower_is_better=("duration_s", "time_to_capture_s"),
+        ranked_by=("caught_percent", "time_to_capture_s"),
+        recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
+        comparison_tables=later("midnet_bench.experiments.labyrinth.tables:comparison_tables"),
+        comparison_figures=later("midnet_bench.experiments.figures:comparison_figures"),
+        power=later("midnet_bench.experiments.labyrinth.tables:power_table"),
+    ),
 )
 MAPPING = Experiment(
     name="mapping",
     summary="Section II.A: how robots explore an unknown arena and map it.",
     parameters=MappingParameters,
-    run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
+    trials=Trials(
+        run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
+    ),
     columns=columns.MAPPING,
-    tables=later("midnet_bench.experiments.mapping.tables:tables"),
-    printed=("mapping", "mapping_walls", "mapping_speedup", "mapping_choice"),
-    figures=later("midnet_bench.experiments.figures:mapping_figures"),
+    report=Report(
+        tables=later("midnet_bench.experiments.mapping.tables:tables"),
+        printed=("mapping", "mapping_walls", "mapping_speedup", "mapping_choice"),
+        figures=later("midnet_bench.experiments.figures:mapping_figures"),
+    ),
 )
 _OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING)}
 
@@ -281,10 +307,10 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     keys = [found.sharing(each).result_key for each in parameters]
     different = dict(zip(reversed(keys), reversed(parameters), strict=True))  # the first of equal ones
     results: Sequence[TrialResult | Exception]
-    if len(different) == 1 or found.run_together is None:
-        results = [_result_or_error(found.run, each, seed) for each in different.values()]
+    if len(different) == 1 or found.trials.run_together is None:
+        results = [_result_or_error(found.trials.run, each, seed) for each in different.values()]
     else:
-        results = found.run_together(list(different.values()), seed)
+        results = found.trials.run_together(list(different.values()), seed)
     by_key = dict(zip(different, results, strict=True))
     return [_checked_result(found, spec, by_key[key]) for spec, key in zip(specs, keys, strict=True)]
 

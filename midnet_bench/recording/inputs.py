@@ -1,9 +1,7 @@
 """Inputs of ``replay``: recordings opened, robots, map and labels found by a setup; scans alone for SLAM."""
 
 import itertools
-import json
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -16,10 +14,9 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.grid import OccupancyGrid, same_resolution
 from midnet_bench.io.map_server import load_map
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog, usual_beams
-from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
-from midnet_bench.recording.files.survey import Survey, listing
+from midnet_bench.recording.files.survey import listing
 from midnet_bench.recording.files.tables import read_text
 from midnet_bench.recording.fitting.fit import Localizer
 from midnet_bench.recording.fitting.setup_check import placed
@@ -28,10 +25,7 @@ from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup, ReplaySettings, number_of
 from midnet_bench.recording.truth import LabelTable, Truth
-from midnet_bench.robots.model import ROBOTS
-from midnet_bench.settings import Scalar
 
-EXPORTED = "/midnet/replay"  # topic in which ``export`` says how a trial is replayed
 FIRST = "first-"
 Note = Callable[[str], None]
 
@@ -40,7 +34,7 @@ Note = Callable[[str], None]
 class ReplayInputs:
     """Open recordings, and what a setup makes of them."""
 
-    setup: RecordingSetup  # completed by what an exported trial says of itself
+    setup: RecordingSetup
     recorded: Recorded
     robots: list[RobotPlan]
     prior_map: OccupancyGrid  # int8, 100 occupied, 0 free, -1 unknown, map frame
@@ -115,7 +109,6 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
         remarks = [one.remarks for one in sources] + [one.remarks for one in recorded.surveys]
         for remark in itertools.chain(*remarks):
             note(remark)
-        setup = with_exported(setup, recorded.surveys)
         if setup.localize is None:  # odometry drifts wherever it began
             setup = setup.changed({"localize": bool(setup.start)})
         robots = robots_of(recorded, setup)
@@ -171,8 +164,6 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str
 def proposal(files: Sequence[Path], recorded: Recorded) -> list[str]:
     """The command that would replay these, and what has to be added to it."""
     words = ["midnet-bench replay", *map(str, files)]
-    if exported(recorded.surveys[0]) is not None:
-        return [f"proposed: {' '.join(words)} --map /map"]
     try:
         carriers = {robot.carrier: robot for robot in robots_of(recorded, RecordingSetup())}
     except InputError as error:
@@ -190,81 +181,12 @@ def proposal(files: Sequence[Path], recorded: Recorded) -> list[str]:
     if not grids:
         made = f"results/map-{recorded.names[0]}"
         lines.append(f"no map: midnet-bench map --from-log {files[0]} -o {made}; then --map {made}/map.yaml")
-    words.append(f"--map {grids[0] if '/map' in grids else 'MAP.yaml'}")
+    words.append(f"--map {'/map' if '/map' in grids else 'MAP.yaml'}")
     return [f"proposed: {' '.join(words)}", *lines, "--check besides finds the mount and writes a setup.yaml"]
 
 
 def _grids(recorded: Recorded) -> list[str]:
     return [name for one in recorded.surveys for name, at in one.streams.items() if at.topic.kind == "grid"]
-
-
-def exported(one: Survey) -> dict[str, object] | None:
-    """How ``export`` says that a trial is replayed; None for any other recording."""
-    stream = one.streams.get(EXPORTED)
-    if stream is None or not stream.texts:
-        return None
-    try:
-        said = json.loads(stream.texts[0])
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{one.source.path}: {EXPORTED}: {error}; export the trial again") from error
-    return said if isinstance(said, dict) else None
-
-
-def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> RecordingSetup:
-    """The setup, completed by what the file itself says if ``export`` wrote it.
-
-    Raises:
-        InputError: that cannot be, or names code that does not come with this package.
-    """
-    written = exported(surveys[0]) if len(surveys) == 1 else None
-    if written is None or setup.scan:
-        return setup
-    source = f"{surveys[0].source.path}: {EXPORTED}"
-    poses = (stream.topic.name for stream in surveys[0].streams.values() if stream.poses)
-    true_poses = {name.split("/")[2]: name for name in poses if re.fullmatch("/truth/[^/]+/pose", name)}
-    try:
-        robots, settings = written["robots"], written["settings"]
-        assert isinstance(robots, list)
-        assert isinstance(settings, dict)
-        mounts = {one["name"]: one["mount"] for one in robots}
-        values = {
-            "scan": {one["name"]: one["scan"] for one in robots},
-            "pose": _with_given({one["name"]: one["pose"] for one in robots}, setup.pose),
-            "mount": _with_given(
-                {name: [at[0], at[1], math.degrees(at[2])] for name, at in mounts.items()}, setup.mount
-            ),
-            "settings": {**_own(settings, setup.settings), **setup.settings},
-            "preset": "paper",
-            "rate_hz": setup.rate_hz or written["rate_hz"],
-            "tick_hz": written["tick_hz"],
-            "map": setup.map or (None if setup.background else "/map"),
-            "truth": setup.truth or true_poses,
-        }
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
-    except (AssertionError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
-        raise InputError(f"{source}: {error!r}; export the trial again") from error
-    return setup.changed(values, source)
-
-
-def _with_given(written: Mapping[str, object], given: Mapping[str, object]) -> dict[str, object]:
-    """What a recording says of each robot, where the setup says nothing."""
-    return {**({} if EVERY in given else written), **given}
-
-
-def _own(settings: Mapping[str, Scalar], typed: Mapping[str, Scalar]) -> dict[str, Scalar]:
-    """A recording's own settings without those that the user has ``typed``: a file runs no code."""
-    left = {key: value for key, value in settings.items() if key not in typed}
-    ReplaySettings.from_flat({key: value for key, value in left.items() if key != "resolution_m"})
-    for point in (DETECTORS, FUSIONS, ROBOTS):
-        value = str(left.get(point.option, next(iter(point.own))))
-        if not point.is_own(value):
-            place = value.partition("#")[0].partition("@")[0]
-            raise InputError(
-                f"{point.option}: a recording runs no code, and {value} is not midnet-bench's; type --set "
-                f"{point.option}={place} if you trust it, or another of {', '.join(point.own)}"
-            )
-    return left
 
 
 def prior_map_of(

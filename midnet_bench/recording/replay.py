@@ -19,7 +19,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats, LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
-from midnet_bench.recording.files.readings import NS, ExactReading, PoseReading, Reading, ScanReading
+from midnet_bench.recording.files.readings import NS, PoseReading, Reading, ScanReading
 from midnet_bench.recording.files.survey import EVER_NS
 from midnet_bench.recording.fitting.fit import Localizer
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, Recorded, RobotPlan, geometry_of
@@ -29,7 +29,6 @@ from midnet_bench.recording.setup import RecordingSetup, ReplaySettings
 PATIENCE_NS = NS  # a scan waits so long for the pose after it
 HOLD_NS = NS // 3
 """with several robots a scan waits so long for others that were taken before it and come after it"""
-EXACT_ENDING = "_exact"  # of the topic that ``export`` writes beside a scan's: the same numbers with 64 bits
 LARGEST_JUMP_NS = 3600 * NS  # a stamp that lies farther from where the one before leaves it is no time
 
 
@@ -102,7 +101,6 @@ class _Laser:
     scan: Scan | None = None
     returns: Floats = field(default_factory=lambda: np.empty((0, 2)))
     correction: Pose2D | None = None
-    exact: Floats | None = None  # the numbers of the scan that comes next
     heard: int = 0
 
 
@@ -113,7 +111,6 @@ class _Pending(NamedTuple):
     order: int
     laser: _Laser | None = None
     scan: ScanReading | None = None
-    exact: Floats | None = None
     number: int = -1  # of the scan among those of its topic
 
     @property
@@ -159,7 +156,6 @@ class Replay:
         others = [where for _, where in (*self._allies, *self._followed)]
         self._interpolators = [*(one.where for one in self._lasers), *others]
         self._by_scan = {(one.plan.source, one.plan.topic, one.plan.frame): one for one in self._lasers}
-        self._by_exact = {(one.plan.source, one.plan.topic + EXACT_ENDING): one for one in self._lasers}
         self._lags: dict[tuple[int, str, str, str], int] = {}
         self._period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
         self._pending: list[_Pending] = []
@@ -201,7 +197,6 @@ class Replay:
         streams = []
         for number, source in enumerate(one.source for one in self._recorded.surveys):
             topics = {topic for at, topic, _ in self._by_scan if at == number}
-            topics |= {topic for at, topic in self._by_exact if at == number and topic in source.topics}
             links = [link for link in self.tracks if link.source == number]
             topics |= {link.topic for link in links if link.topic}
             if not all(link.topic for link in links):
@@ -224,9 +219,6 @@ class Replay:
 
     def _take(self, source: int, reading: Reading) -> bool:
         """Take a pose, or queue a scan and the frames due by then; whether time may have moved on."""
-        if isinstance(reading, ExactReading):
-            self._by_exact[source, reading.topic].exact = reading.numbers
-            return False
         if not isinstance(reading, ScanReading | PoseReading) or self._jumps(source, reading):
             return False
         time_ns = stamp_ns(reading, self.setup.clock) + self._recorded.offsets_ns[source]
@@ -253,8 +245,8 @@ class Replay:
         return True
 
     def _queue_scan(self, laser: _Laser, reading: ScanReading, time_ns: int) -> bool:
-        item = _Pending(time_ns, next(self._order), laser, reading, laser.exact, laser.heard)
-        laser.exact, laser.heard = None, laser.heard + 1
+        item = _Pending(time_ns, next(self._order), laser, reading, laser.heard)
+        laser.heard += 1
         first_ns, last_ns = self._recorded.part_ns
         if not first_ns <= reading.record_ns + self._recorded.offsets_ns[laser.plan.source] <= last_ns:
             laser.where.forget(time_ns)
@@ -310,10 +302,6 @@ class Replay:
         for where in self._interpolators:
             where.forget(item.time_ns)
 
-    def _seconds(self, time_ns: int) -> float:
-        tick_hz = self.setup.tick_hz
-        return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
-
     def _observe(self, item: _Pending, laser: _Laser) -> bool:
         """Take a scan into its robot's costmap; whether that was done."""
         assert item.scan is not None
@@ -324,10 +312,7 @@ class Replay:
         if estimate is None or estimate.age_s > max_age_s:
             self.tally.without_pose += 1
             return self.tally.skip(laser.where.fault(item.time_ns, max_age_s), item.place)
-        if item.exact is None:
-            geometry, ranges_m = scan.geometry(plan.no_return.range_max_m), plan.no_return.cleaned(scan)
-        else:
-            geometry, ranges_m = tuple(item.exact[:4].tolist()), item.exact[4:]
+        geometry, ranges_m = scan.geometry(plan.no_return.range_max_m), plan.no_return.cleaned(scan)
         try:
             lidar = geometry_of(geometry, len(ranges_m), plan.mount, plan.is_mirrored)
         except InputError as error:
@@ -336,7 +321,7 @@ class Replay:
             last = laser.where.at(item.time_ns + round(plan.beam_s * NS * lidar.beams))
             if last is not None and last.age_s <= max_age_s:
                 ranges_m = deskewed(ranges_m, lidar, last.pose.relative_to(estimate.pose))
-        taken = Scan(ranges_m, lidar, estimate.pose, self._seconds(item.time_ns))
+        taken = Scan(ranges_m, lidar, estimate.pose, item.time_ns / NS)
         if self._correctors:
             pose = self._correctors[laser.number].corrected(taken)
             for other in self._lasers:
@@ -382,7 +367,7 @@ class Replay:
                 Observation(one.estimate.pose, node.costmaps[one.robot].published(), one.scan)
                 for one in observed
             ]
-            boxes = node.detect(observations, self._seconds(time_ns), allies=fresh_allies)
+            boxes = node.detect(observations, time_ns / NS, allies=fresh_allies)
             outputs[name] = DetectorOutput(boxes, observations)
         tally.first_ns, tally.last_ns = tally.first_ns if tally.frames else time_ns, time_ns
         tally.frames += 1

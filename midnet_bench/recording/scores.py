@@ -39,12 +39,12 @@ from midnet_bench.scoring.frame_counts import (
 
 OFF_WALLS_CELLS = 1.5  # a return this far from a mapped wall is none of its
 FULL_CIRCLE_RAD = math.tau - 1e-6
-NEAR_M = 0.35  # how far a declared ally or a displaced box may lie from where its pose is
+NEAR_M = 0.35  # how far a declared ally or a fragment may lie from where its pose is
 WALL_M = 0.15
 """beyond the cells that the prior map's walls were grown by, a return this far off a wall may still be its"""
 WALL_STAYS_M = 0.25  # up to here from a mapped wall, what stays put is the wall's own
-BESIDE_A_LABEL = ("displaced", "fragment")
-MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
+FRAGMENT, GHOST = "fragment", "ghost"
+MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", GHOST, FRAGMENT)
 """causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
 
 
@@ -374,7 +374,7 @@ class Explainer:
             returns = np.concatenate([self._in_box(box, one.returns) for one in frame.observed])
             about = self.surroundings(returns)
             if labels is not None and touched:
-                kind, cause, age_s, name = "fragment", "fragment", 0.0, labels.there[touched[0]].name
+                kind, cause, age_s, name = "fragment", FRAGMENT, 0.0, labels.there[touched[0]].name
             else:
                 kind = "box" if labels is None else "false"
                 cause, age_s, name = self._false_positive_source(frame, box, about, labels)
@@ -404,12 +404,10 @@ class Explainer:
                 return "ally_left", one.estimate.age_s, f"robot {one.carrier + 1}"
         for label in there:
             if box.distance_to_point(label.x, label.y) <= self._near_m + NEAR_M:
-                return "displaced", 0.0, label.name
-        if not len(about.wall_m):
+                return FRAGMENT, 0.0, label.name
+        if len(about.wall_m) < 2:
             newest_s = self.counts.newest_hit_s((box.x_min, box.y_min), (box.x_max, box.y_max))
-            return "ghost", max(frame.time_ns / NS - newest_s, 0.0), ""
-        if len(about.wall_m) == 1:
-            return "single_return", 0.0, ""
+            return GHOST, max(frame.time_ns / NS - newest_s, 0.0), ""
         if np.count_nonzero(about.unknown) > 0.5 * len(about.unknown):
             return "unknown_cells", 0.0, ""
         settings = self._settings
@@ -460,8 +458,7 @@ class Explainer:
             row = ErrorRow(*cells)
             if points is not None and row.offset_m > WALL_STAYS_M:
                 # what is beside a labelled object that was in one place at all its errors is the object's
-                is_beside = row.cause in BESIDE_A_LABEL
-                is_known = is_beside and math.dist(*self._label_ways[row.name]) <= NEAR_M
+                is_known = row.cause == FRAGMENT and math.dist(*self._label_ways[row.name]) <= NEAR_M
                 points_stay = values_at(grid.data, grid, points, -1)
                 points_stay = points_stay[points_stay >= 0]
                 if not is_known and len(points_stay) and points_stay.mean() > 0.5:

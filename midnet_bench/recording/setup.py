@@ -261,7 +261,6 @@ class RecordingSetup(Spec):
     )
     deskew: bool = _key(False, "true: correct the robot's motion during a scan")
     rate_hz: float | None = _key(None, "frames a second; default one at each scan", ge=0.01, le=1000.0)
-    tick_hz: float | None = _key(None, "simulation steps a second of an exported trial", gt=0.0, le=1e6)
     from_s: float = _key(0.0, "scans from here on, seconds after the recording's beginning", ge=0.0, le=1e9)
     to_s: float | None = _key(None, "scans up to here; default to the recording's end", gt=0.0, le=1e9)
     max_pose_age_s: float = _key(0.5, "scans farther in time from a pose are left out", ge=0.0)

@@ -70,15 +70,14 @@ CAUSES = (
     _false("wall_by_map", "a wall that the prior map does not have", TRUTH),
     _false("label_gap", "an object whose labels have a gap here", NO_TRUTH),
     _false("ally_late", "a declared ally whose pose is too old to be removed by", NO_TRUTH),
-    _false("displaced", "a labelled object, farther off than the matching distance", NO_TRUTH),
-    _false("ghost", "marks without any return of the last scan", NO_TRUTH),
-    _false("single_return", "one return alone", NO_TRUTH),
+    _false("fragment", "a labelled object, which has a box or is beyond the matching distance", NO_TRUTH),
+    _false("ghost", "no object: marks without any return of the last scan, or one return alone", NO_TRUTH),
     _false("unknown_cells", "returns from where the map knows nothing", NO_TRUTH),
     _false("pose_error", "a wall, off by the pose's error: a match to the map puts it back", NO_TRUTH),
     _false("near_wall", "a wall: its returns are within the tolerance of one", NO_TRUTH),
     _false("unmapped", "a stationary object that is not on the map", MOTION),
     _false("unlabelled", "a moving object without a label", MOTION),
-    _false("fragment", "a further box on an intruder that has one"),
+    _false("fragment", "a further box on an intruder that has one", TRUTH),
     _false(UNEXPLAINED, "none of these", TRUTH),
 )
 """Misses in the order of the stages that returns pass; the last stage that one reached counts."""

@@ -246,7 +246,7 @@ def _drive_a_team() -> None:
 def _run_short(name: str, **values: Scalar) -> None:
     """One short trial of an experiment of ours. Raises what the trial raises."""
     found = registry.experiment(name)
-    found.run(found.parameters.parse({**SHORT[name], **values}, name), 1)
+    found.trials.run(found.parameters.parse({**SHORT[name], **values}, name), 1)
 
 
 @contextlib.contextmanager

@@ -1,4 +1,8 @@
-"""``check``: calls a plug-in as trials do, for 23 frames; its faults with file and line."""
+"""``check``: runs the rows of ``ROWS`` on a plug-in; its faults with file and line.
+
+``PLUGINS`` says how trials call the code of each extension point and within which bounds its answers lie.
+What calls it raises PluginError at answers of another shape.
+"""
 
 import ast
 import contextlib
@@ -6,9 +10,9 @@ import random
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,9 +53,7 @@ from midnet_bench.simulation.world_settings import WorldSettings
 TEAM, FULL_TEAM, FRAMES, WARM_UP, SEED = 4, 20, 23, 25, 3001
 """A prime number of frames: plug-ins with a period do not look repeatable."""
 LIMIT_S = 60.0  # of a short trial in another process
-OFF_MAP_M, LARGEST_M = 1.0, 5.0
-"""A box farther off the map, or with a longer side, is in other units or another frame."""
-NEAR_M = 0.5  # from where a guard is sent to the nearest point of the patrol
+OFF_M = 1.0  # farther off the map, or off the points of the patrol, nothing is sought and nobody sent
 MAX_OFF_M, MAX_SHARE_OFF = 1e-3, 0.01  # Beams may graze a corner in one engine and pass it in another.
 SLOW_MPS, SLOW_RADPS = 0.02, 0.05  # allowed error of a robot's velocity, beside a tenth of the command
 SHORT: Mapping[str, Scalar] = {"engine": "fast", "robots": 3, "frames": 10}
@@ -63,17 +65,6 @@ CHASE: Mapping[str, Scalar] = {
     "intruders": 3,
     "time_limit_s": 15.0,
 }
-
-
-@dataclass(frozen=True)
-class Checked:
-    """The result of a check."""
-
-    seam: str  # option that the plug-in is for
-    name: str  # what was checked, with its pin
-    faults: list[str]  # a line for each; empty without faults
-    frame_ms: float | None
-    """median time of a frame of four robots; None with faults, or where frames do not call it"""
 
 
 @dataclass(frozen=True)
@@ -106,18 +97,81 @@ class Recording(NamedTuple):
 
 Answers = list[npt.NDArray[np.float64]]
 Call = Callable[[Frame], Answers]
+Faults = Iterable[str]
+Bounds = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
+"""lowest and highest values of an answer, and a hint on one that is not within them"""
 
 
 class Plugin(NamedTuple):
-    """How trials call the code of one seam."""
+    """How trials call the code of an extension point."""
 
-    seam: ExtensionPoint
-    make: Callable[[str, Recording, int], Call] | None
+    point: ExtensionPoint
+    call: Callable[[str, Recording, int], Call] | None
     """from a pinned name, the recording and the number of guards; None: it is no code that frames call"""
-    odd: Callable[[Answers, Recording], str | None] = lambda answers, recording: None
-    """the fault of answers that a trial would take"""
+    bounds: Callable[[Recording], Bounds] | None = None
     experiment: str = "detection"
     short_trial: Mapping[str, Scalar] = SHORT
+
+
+@dataclass
+class Checked:
+    """A plug-in under check, and what came of it."""
+
+    plugin: Plugin
+    name: str  # with its pin
+    faults: list[str] = field(default_factory=list)  # a line for each; empty without faults
+    times_s: list[float] = field(default_factory=list)  # of each frame that called it
+    elsewhere: bytes | None = None  # the tables of a short trial in another process
+
+    @property
+    def option(self) -> str:
+        """The option that it is for."""
+        return self.plugin.point.option
+
+    @cached_property
+    def frame_ms(self) -> float | None:
+        """Median time of a frame of four robots; None with faults, or where frames do not call it."""
+        point = self.plugin.point
+        if not self.faults and point is SIMULATORS:
+            return _engine_ms(self.name)
+        if point in (DETECTORS, FUSIONS) and point.is_made_here(self.name):
+            return recorded().paper_ms
+        return 1e3 * statistics.median(self.times_s) if self.times_s and not self.faults else None
+
+    def trial(self) -> tuple[Any, Any]:
+        """What runs a short trial with it, and the trial's spec."""
+        parameters = {**self.plugin.short_trial, self.plugin.point.option: self.name}
+        definition = {"experiment": self.plugin.experiment, "parameters": parameters}
+        campaign = parse_campaign({**definition, "trials": 1, "base_seed": SEED}, "check")
+        (spec,) = (resolved := resolve(campaign, registry)).trials()
+        return resolved.run_trials, spec
+
+    def answers(self, seed: int = 1, frames: list[Frame] | None = None) -> Answers:
+        """Of a new instance to frames, to the recorded ones unless given. Raises PluginError.
+
+        ``seed``: of the global random numbers.
+        """
+        shared, frames = recorded(), recorded().frames if frames is None else frames
+        random.seed(seed)
+        np.random.seed(seed)  # noqa: NPY002 - the one that a plug-in may draw from
+        own_map = shared.prior_map.with_data(shared.prior_map.data.copy())
+        own = shared._replace(prior_map=own_map, points=shared.points.copy())
+        call = self.plugin.call(self.name, own, len(frames[0].observations))  # type: ignore[misc]
+        answers: Answers = []
+        for frame in frames:
+            begin = time.perf_counter()
+            of_frame = call(replace(frame, observations=[*frame.observations], boxes=[*frame.boxes]))
+            self.times_s.append(time.perf_counter() - begin)
+            answers += of_frame
+        return answers
+
+
+class Row(NamedTuple):
+    """One check, and the extension points whose plug-ins it is for."""
+
+    of: tuple[ExtensionPoint, ...]
+    faults: Callable[[Checked], Faults]
+    ends: bool = False  # whether a fault here ends the check: the rows below would say it again
 
 
 def check(thing: str) -> Checked:
@@ -128,64 +182,51 @@ def check(thing: str) -> Checked:
             ``--engine`` or ``--robot-model``.
 
     Raises:
-        InputError: there is no such code, or it is for no seam.
+        InputError: there is no such code, or it is for no extension point.
     """
     if thing.endswith(".py"):
         raise InputError(f"{thing}: which class? {_classes_in(Path(thing))}")
     plugin = _plugin_of(thing)
-    seam, name = plugin.seam, plugin.seam.pinned(thing)
-    if seam.is_made_here(name):
-        paper_ms = recorded().paper_ms if seam in (DETECTORS, FUSIONS) else None
-        return Checked(seam.option, name, [], _engine_ms(name) if seam is SIMULATORS else paper_ms)
-    run_trials, spec = _trial(plugin, next(iter(seam.own)))
-    run_trials([spec])  # compiles what it needs: the time limit below is for the plug-in alone
-    elsewhere, faults = _in_another_process(plugin, name)
-    if faults:  # it hangs, fails or ends its process
-        return Checked(seam.option, name, faults, None)
-    frame_ms: float | None = None
-    try:
-        with _random_state_kept():
-            if plugin.make is not None:
-                frame_ms, faults = _frame_faults(plugin, name)
-            elif seam is SIMULATORS:
-                faults = list(_engine_faults(name))
-                frame_ms = None if faults else _engine_ms(name)
-            else:
-                faults = list(_robot_faults(ROBOTS.make(name)))
-    except PluginError as error:
-        faults = [str(error)]
-    run_trials, spec = _trial(plugin, name)
-    if not faults and attempt(run_trials, [spec], LIMIT_S)[0].payload != elsewhere:
-        faults = [
-            seam.line_of(name)
-            + "another process gets other results from the same trial: does it depend on the "
-            "order of a set, an id, the clock or the environment?"
-        ]
-    return Checked(seam.option, name, faults, None if faults else frame_ms)
+    point, case = plugin.point, Checked(plugin, plugin.point.pinned(thing))
+    if point.is_made_here(case.name):
+        return case
+    run_trials, spec = Checked(plugin, next(iter(point.own))).trial()
+    run_trials([spec])  # compiles what it needs: the time limit is for the plug-in alone
+    states = random.getstate(), np.random.get_state()  # noqa: NPY002
+    for row in (row for row in ROWS if point in row.of):
+        try:
+            case.faults += [point.line_of(case.name) + line for line in row.faults(case)]
+        except PluginError as error:  # it names file and line
+            case.faults.append(str(error))
+        if case.faults and row.ends:
+            break
+    random.setstate(states[0])
+    np.random.set_state(states[1])  # noqa: NPY002
+    return replace(case, faults=list(dict.fromkeys(case.faults)))
 
 
 def detector_ms(name: str) -> float:
     """Median time of a frame of four robots by a pinned detector, ms; the paper's includes its fusion."""
-    if DETECTORS.is_made_here(name):
-        return recorded().paper_ms
-    with _random_state_kept():
-        return _frame_faults(PLUGINS[0], name)[0]
+    case = Checked(PLUGINS[0], name)
+    if not DETECTORS.is_made_here(name):
+        case.answers()
+    return case.frame_ms or 0.0
 
 
 def _plugin_of(thing: str) -> Plugin:
-    """Of the seam that has this name, else of the first whose method the class has. Raises InputError."""
+    """Of the first extension point that takes it. Raises InputError: none does."""
     complaints = []
     for plugin in PLUGINS:
         try:
-            plugin.seam.pinned(thing)
+            plugin.point.pinned(thing)
             return plugin
         except InputError as error:
             complaints.append(str(error))
-    seams = [plugin.seam for plugin in PLUGINS]
-    if all(f"expected {seam.wanted}" in text for seam, text in zip(seams, complaints, strict=True)):
-        wanted = " or ".join(f"{seam.wanted} ({seam.option})" for seam in seams)
+    points = [plugin.point for plugin in PLUGINS]
+    if all(f"expected {point.wanted}" in text for point, text in zip(points, complaints, strict=True)):
+        wanted = " or ".join(f"{point.wanted} ({point.option})" for point in points)
         raise InputError(f"{thing}: expected {wanted.replace(' or a class with a method', ',')}")
-    raise InputError(complaints[0].removeprefix(f"{seams[0].option}: "))
+    raise InputError(complaints[0].removeprefix(f"{points[0].option}: "))
 
 
 def _classes_in(path: Path) -> str:
@@ -199,69 +240,6 @@ def _classes_in(path: Path) -> str:
     names += [target.id for target in assigned if isinstance(target, ast.Name)]
     names = [name for name in names if not name.startswith("_")]
     return f"It defines {', '.join(names)}: type {path}:{names[0]}" if names else "It defines none"
-
-
-def _trial(plugin: Plugin, name: str) -> tuple[Any, Any]:
-    """What runs a short trial with the plug-in, and the trial's spec."""
-    parameters = {**plugin.short_trial, plugin.seam.option: name}
-    campaign = {"experiment": plugin.experiment, "parameters": parameters, "trials": 1, "base_seed": SEED}
-    resolved = resolve(parse_campaign(campaign, "check"), registry)
-    (spec,) = resolved.trials()
-    return resolved.run_trials, spec
-
-
-def _in_another_process(plugin: Plugin, name: str) -> tuple[bytes | None, list[str]]:
-    """The tables of a short trial there, and its faults."""
-    run_trials, spec = _trial(plugin, name)
-    with tempfile.TemporaryDirectory() as folder:
-        pool = LokyPool(1, Path(folder) / "marks")
-        try:
-            with contextlib.closing(pool.outcomes(run_trials, iter([[spec]]), LIMIT_S, True)) as outcomes:
-                (outcome,) = outcomes
-        except WorkersLost as lost:
-            return None, [f"it takes its process along: {lost}"]
-        finally:
-            pool.close()
-    if outcome.failure is None:
-        return outcome.payload, []
-    return None, [outcome.failure.splitlines()[-1].split("PluginError: ", 1)[-1]]
-
-
-def _frame_faults(plugin: Plugin, name: str) -> tuple[float, list[str]]:
-    """The median time of a frame, ms, and a line for each fault."""
-    recording, times_s = recorded(), []
-
-    def run(frames: list[Frame], seed: int) -> Answers:
-        random.seed(seed)
-        np.random.seed(seed)  # noqa: NPY002 - the one that a plug-in may draw from
-        own_map = recording.prior_map.with_data(recording.prior_map.data.copy())
-        own = recording._replace(prior_map=own_map, points=recording.points.copy())
-        call = plugin.make(name, own, len(frames[0].observations))  # type: ignore[misc]
-        answers: Answers = []
-        for frame in frames:
-            begin = time.perf_counter()
-            given = call(replace(frame, observations=[*frame.observations], boxes=[*frame.boxes]))
-            times_s.append(time.perf_counter() - begin)
-            answers += given
-        return answers
-
-    first, other, again = (run(recording.frames, seed) for seed in (1, 2, 1))
-    frame_ms, faults = 1e3 * statistics.median(times_s), []
-    if not _same(first, again):
-        faults.append(
-            "it answers otherwise the second time: does it keep state at the class, or read the clock?"
-        )
-    elif not _same(first, other):
-        faults.append("it draws from the global random numbers: take a generator with a fixed seed")
-    if fault := plugin.odd(first, recording):
-        faults.append(fault)
-    faults = [plugin.seam.line_of(name) + fault for fault in faults]
-    for description, frame in _edges(recording.frames[-1]).items():
-        try:
-            run([frame], 1)
-        except PluginError as error:
-            faults.append(f"with {description}: {error}")
-    return frame_ms, list(dict.fromkeys(faults))
 
 
 def _detector(name: str, recording: Recording, guards: int) -> Call:
@@ -297,7 +275,18 @@ def _metric(name: str, recording: Recording, guards: int) -> Call:
     return lambda frame: [np.array(list(metrics.update(frame.seen).values()))]  # type: ignore[arg-type]
 
 
-def _edges(frame: Frame) -> dict[str, Frame]:
+def _map_bounds(recording: Recording) -> Bounds:
+    x_min, y_min, x_max, y_max = recording.prior_map.extent
+    low, high = np.array((x_min, y_min) * 2) - OFF_M, np.array((x_max, y_max) * 2) + OFF_M
+    return low, high, "are these metres? is it in the map frame?"
+
+
+def _patrol_bounds(recording: Recording) -> Bounds:
+    low, high = recording.points.min(axis=0) - OFF_M, recording.points.max(axis=0) + OFF_M
+    return low, high, "return one of the points that the constructor got"
+
+
+def _rare(frame: Frame) -> dict[str, Frame]:
     """Frames that are rare in trials, by their description."""
     assert frame.seen is not None
     times, places, no_boxes = FULL_TEAM // TEAM, [one.place for one in frame.team], np.empty((0, 4))
@@ -315,31 +304,6 @@ def _edges(frame: Frame) -> dict[str, Frame]:
         f"{FULL_TEAM} robots": replace(full, targets={5: targets[5]}),
         "no intruders": replace(frame, seen=peace),
     }
-
-
-def _odd_box(answers: Answers, recording: Recording) -> str | None:
-    x_min, y_min, x_max, y_max = recording.prior_map.extent
-    low, high = np.array((x_min, y_min)) - OFF_MAP_M, np.array((x_max, y_max)) + OFF_MAP_M
-    for box in np.concatenate(answers):
-        width, height = box[2:] - box[:2]
-        if max(width, height) > LARGEST_M:
-            return f"a box of {width:.3g} x {height:.3g} m: are these metres?"
-        if (box[:2] < low).any() or (box[2:] > high).any():
-            return (
-                f"a box at ({box[0]:.3g}, {box[1]:.3g}) m is off the map, which is from ({x_min:.3g}, "
-                f"{y_min:.3g}) to ({x_max:.3g}, {y_max:.3g}) m: is it in the map frame?"
-            )
-    return None
-
-
-def _odd_point(answers: Answers, recording: Recording) -> str | None:
-    for point in np.concatenate(answers):
-        if lengths(recording.points - point).min() > NEAR_M:
-            return (
-                f"it sends a guard to ({point[0]:.3g}, {point[1]:.3g}) m, which is near no point of the "
-                "patrol: return one of the points that the constructor got"
-            )
-    return None
 
 
 @cache
@@ -376,22 +340,6 @@ def recorded() -> Recording:
     return recording
 
 
-def _same(some: Answers, others: Answers) -> bool:
-    return len(some) == len(others) and all(
-        np.array_equal(one, other, equal_nan=True) for one, other in zip(some, others, strict=True)
-    )
-
-
-@contextlib.contextmanager
-def _random_state_kept() -> Iterator[None]:
-    states = random.getstate(), np.random.get_state()  # noqa: NPY002
-    try:
-        yield
-    finally:
-        random.setstate(states[0])
-        np.random.set_state(states[1])  # noqa: NPY002
-
-
 def _world(engine: str, robot: RobotModel = BURGER) -> World:
     """Robots in the middle of an empty Map 1."""
     layout = place(load_arena("empty"), SEED, TEAM, 0, robot.body_reach_m)
@@ -416,32 +364,92 @@ def _engine_ms(name: str) -> float:
     return 1e3 * statistics.median(times_s)
 
 
-def _engine_faults(name: str) -> Iterator[str]:
-    """Faults of how robots move, of repeatability and of where beams end, beside the fast engine."""
-    yield from _motion_faults(_world(name))
-    one, other, fast = _world(name), _world(name), _world("fast")
+def _runs_elsewhere(case: Checked) -> list[str]:
+    """A short trial in another process, where it may hang, fail or end the process."""
+    run_trials, spec = case.trial()
+    with tempfile.TemporaryDirectory() as folder:
+        pool = LokyPool(1, Path(folder) / "marks")
+        try:
+            with contextlib.closing(pool.outcomes(run_trials, iter([[spec]]), LIMIT_S, True)) as outcomes:
+                (outcome,) = outcomes
+        except WorkersLost as lost:
+            return [f"it takes its process along: {lost}"]
+        finally:
+            pool.close()
+    case.elsewhere = outcome.payload
+    if outcome.failure is None:
+        return []
+    raise PluginError(outcome.failure.splitlines()[-1].split("PluginError: ", 1)[-1])
+
+
+def _runs_here_alike(case: Checked) -> Faults:
+    run_trials, spec = case.trial()
+    if attempt(run_trials, [spec], LIMIT_S)[0].payload != case.elsewhere:
+        yield (
+            "another process gets other results from the same trial: does it depend on the "
+            "order of a set, an id, the clock or the environment?"
+        )
+
+
+def _answers_within_bounds(case: Checked) -> Faults:
+    """To frames whose arrays cannot be written to."""
+    answers = case.answers()
+    if case.plugin.bounds is None:
+        return
+    low, high, hint = case.plugin.bounds(recorded())
+    for answer in np.concatenate([np.atleast_2d(answer) for answer in answers]):
+        if ((answer < low) | (answer > high)).any():
+            where, least, most = (", ".join(f"{n:.3g}" for n in numbers) for numbers in (answer, low, high))
+            yield f"({where}) m is not within ({least}) and ({most}) m: {hint}"
+            return
+
+
+def _answers_alike(case: Checked) -> Faults:
+    first, other, again = ([(one.shape, one.tobytes()) for one in case.answers(seed)] for seed in (1, 2, 1))
+    if first != again:
+        yield "it answers otherwise the second time: does it keep state at the class, or read the clock?"
+    elif first != other:
+        yield "it draws from the global random numbers: take a generator with a fixed seed"
+
+
+def _answers_rare(what: str, case: Checked) -> list[str]:
+    """A frame as it is rare in trials."""
+    try:
+        case.answers(frames=[_rare(recorded().frames[-1])[what]])
+    except PluginError as error:
+        raise PluginError(f"with {what}: {error}") from error
+    return []
+
+
+def _moves_alike(case: Checked) -> Faults:
+    one, other = _world(case.name), _world(case.name)
     for world in (one, other):
         _drive(world, Command(0.15, 0.6), 1.0)
     if not np.array_equal(one.poses(), other.poses()):
         yield "two worlds that were made and driven alike differ: hidden randomness, or shared state?"
+
+
+def _beams_end_at_walls(case: Checked) -> Faults:
+    """Where those of the fast engine do."""
+    own, fast = _world(case.name), _world("fast")
     cosines, sines = np.ascontiguousarray(directions(LDS_01.angles_rad).T)
-    beams = Beams(*beam_directions(np.array(one.layout.robots), 0.0, cosines, sines))
+    beams = Beams(*beam_directions(np.array(own.layout.robots), 0.0, cosines, sines))
     far_m = 3.0 * LDS_01.range_max_m
-    ranges_m, true_m = (world.cast(beams, LDS_01.range_min_m, far_m) for world in (one, fast))
+    ranges_m, true_m = (world.cast(beams, LDS_01.range_min_m, far_m) for world in (own, fast))
     with np.errstate(invalid="ignore"):  # inf where neither meets anything
         is_off = (ranges_m != true_m) & ~(np.abs(ranges_m - true_m) < MAX_OFF_M)
     if is_off.mean() > MAX_SHARE_OFF:
         yield f"cast: {is_off.mean():.0%} of beams end more than 1 mm from where walls begin"
 
 
-def _robot_faults(robot: RobotModel) -> Iterator[str]:
-    for engine in ("fast", "bullet"):
-        with contextlib.suppress(ImportError):  # without PyBullet
-            yield from (f"on {engine}: {fault}" for fault in _motion_faults(_world(engine, robot)))
+def _robot_moves(engine: str, case: Checked) -> Faults:
+    with contextlib.suppress(ImportError):  # without PyBullet
+        world = _world(engine, ROBOTS.make(case.name))
+        yield from (f"on {engine}: {fault}" for fault in _motion_faults(world))
 
 
-def _motion_faults(world: World) -> Iterator[str]:
-    """Faults of how robots start, drive, turn and stop, and of their wheel angles; closes the world."""
+def _motion_faults(world: World) -> Faults:
+    """How robots start, drive, turn and stop, and what their wheels roll; closes the world."""
     robot, starts = world.robot, np.array(world.layout.robots)
     off = world.poses() - starts
     off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
@@ -468,12 +476,26 @@ def _motion_faults(world: World) -> Iterator[str]:
 
 
 PLUGINS = (
-    Plugin(DETECTORS, _detector, _odd_box),
-    Plugin(FUSIONS, _fusion, _odd_box),
-    Plugin(PATROLS, _patrol, _odd_point),
+    Plugin(DETECTORS, _detector, _map_bounds),
+    Plugin(FUSIONS, _fusion, _map_bounds),
+    Plugin(PATROLS, _patrol, _patrol_bounds),
     Plugin(PURSUITS, _pursuit, experiment="labyrinth", short_trial=CHASE),
     Plugin(METRICS, _metric),
     Plugin(SIMULATORS, None, short_trial={"robots": 3, "frames": 10}),
     Plugin(ROBOTS, None),
 )
 """Code that fits several is taken for the first of them."""
+EVERY = tuple(plugin.point for plugin in PLUGINS)
+CALLED = tuple(plugin.point for plugin in PLUGINS if plugin.call)
+RARE = ("nobody", "one robot that has seen nothing", f"{FULL_TEAM} robots", "no intruders")
+ROWS = (
+    Row(EVERY, _runs_elsewhere, ends=True),
+    Row(CALLED, _answers_within_bounds, ends=True),
+    Row(CALLED, _answers_alike),
+    *(Row(CALLED, partial(_answers_rare, what)) for what in RARE),
+    *(Row((ROBOTS,), partial(_robot_moves, engine)) for engine in ("fast", "bullet")),
+    Row((SIMULATORS,), lambda case: _motion_faults(_world(case.name))),
+    Row((SIMULATORS,), _moves_alike),
+    Row((SIMULATORS,), _beams_end_at_walls),
+    Row(EVERY, _runs_here_alike),
+)

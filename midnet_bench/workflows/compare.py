@@ -100,7 +100,7 @@ def compare(
         campaigns = _by_value(directories, by, baseline)
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
     record = experiment_of(next(iter(campaigns.values())))
-    if len(kinds) > 1 or record.measures is None:
+    if len(kinds) > 1 or record.report.measures is None:
         raise InputError(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
             f"not {' and '.join(kinds)}"
@@ -111,7 +111,7 @@ def compare(
     for name in others:
         if not any(name in row for row in differences.rows):
             raise InputError(_nothing_to_pair(frame, first, name))
-    tables = [*record.comparison_tables(campaigns), differences, _settings(campaigns)]
+    tables = [*record.report.comparison_tables(campaigns), differences, _settings(campaigns)]
     return Comparison(record, campaigns, tables)
 
 
@@ -161,8 +161,8 @@ def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str])
     A column that is no factor, such as robots, and has one value in each part and not the same in all, goes:
     the parts' own variant or campaign sets it, and it would leave no cell that two parts share.
     """
-    assert record.measures is not None
-    frames = {key: record.measures(part) for key, part in parts.items()}
+    assert record.report.measures is not None
+    frames = {key: record.report.measures(part) for key, part in parts.items()}
     frame, factors = joined(frames, by), {SCOPE, *(name for part in parts.values() for name in part.factors)}
     set_by_parts = []
     for name in _cell_columns(frame, [*by, *factors]):
@@ -336,7 +336,7 @@ def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = No
     """
     results = load_results(directory, tables_of)
     record = experiment_of(results)
-    if record.measures is None:
+    if record.report.measures is None:
         raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
     known = results.factors
     factors = [factor for factor in known if factor in (of or NAMING_CODE)]
@@ -351,7 +351,7 @@ def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = No
     measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
     if rank_by is not None and rank_by not in measures:
         raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
-    chosen = [rank_by] if rank_by else [measure for measure in record.ranked_by if measure in measures]
+    chosen = [rank_by] if rank_by else [measure for measure in record.report.ranked_by if measure in measures]
     return [
         _ranking(record, factors, frame, one, [other for other in measures if other != one]) for one in chosen
     ]
@@ -462,7 +462,7 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
         raise InputError(f"{key}: its values are no numbers ({values[:60]})")
     record = experiment_of(results)
     panels: Mapping[str, Curves] = {}
-    if record.measures is not None:
+    if record.report.measures is not None:
         parts: dict[Key, Results] = {(float(name),): part for name, part in results.by_value(x).items()}
         panels = _curves(_scores(record, parts, [x]), x, label)
     if y is not None:
@@ -500,11 +500,11 @@ def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
     None where the experiment's own figures show the factors, or without main scores or finished trials.
     """
     record, grid = experiment_of(results), results.definition.grid
-    if record.measures is None or not results.finished:
+    if record.report.measures is None or not results.finished:
         return []
     if results.definition.compare is not None:
         return [_compared_values(results, record)]
-    if record.has_figures and not record.sweeps_beside:
+    if record.report.has_figures and not record.report.sweeps_beside:
         return []
     return [sweep(results, x) for x in grid if len(grid[x]) >= FEWEST and _is_numeric(results, x)]
 

@@ -13,16 +13,19 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.io.files import write_atomically
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.recording.files import ros_messages as ros
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name, write_layout
 from midnet_bench.recording.files.writer import BagWriter, bag_writer
+from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves
 from midnet_bench.workflows.errors import narrowed
 from midnet_bench.workflows.render import Progress
 
+SETUP_ENDING = ".setup.yaml"
 START_NS = 1  # stamp of what is there before the first tick: ROS takes 0 for no time at all
 DETECTORS_OWN = ("prior", "costmap", "midnet")
 DETECTORS_KEYS = ("detector", "fusion", "robot", "resolution_m", "deflate_boxes")
@@ -40,7 +43,8 @@ def export_trial(
     """How many frames were written: the trial runs, and all that robots and detector say goes into a bag.
 
     Topics, types and frames are those of ``docs/ros.md``; stamps are the trial's own time. The trial's
-    numbers are those that it has without. A layout for Foxglove lies beside the bag.
+    numbers are those that it has without. Beside the bag lie a layout for Foxglove, and ``NAME.setup.yaml``,
+    by which ``replay`` detects on it as the trial did.
 
     Args:
         experiment: its name, or a reference to it; it must have guards.
@@ -59,7 +63,7 @@ def export_trial(
     # what is kept and measured of a trial has no place in a bag
     given = {key: value for key, value in parameters.items() if key not in ("record", "metrics")}
     checked = found.parameters.parse(given, f"export: {experiment}")
-    trial: Any = None if found.trial is None else found.trial(checked, seed)
+    trial: Any = None if found.trials.frames is None else found.trials.frames(checked, seed)
     has_guards = isinstance(trial, GuardedArena)
     if not has_guards:
         raise InputError(f"export: '{experiment}' has no guards; detection and labyrinth have")
@@ -69,13 +73,20 @@ def export_trial(
         most = math.ceil(float(str(checked.flat_values()["time_limit_s"])) * FRAME_HZ - 1e-6)
     done, path = 0, Path(path)
     with trial, bag_writer(path, bag_format) as bag:
-        Exporter(trial, trial.truths, bag)
+        exporter = Exporter(trial, trial.truths, bag)
         for _ in trial.frames(explain=True):
             done += 1
             progress(done, most)
         kinds = bag.kinds
     write_layout(path, kinds, Box(*trial.prior_map.extent))
+    setup = exporter.replay_setup([topic for topic in kinds if topic.startswith("/truth/")])
+    write_atomically(setup_beside(path), setup.to_yaml(path.parent))
     return done
+
+
+def setup_beside(path: Path) -> Path:
+    """The setup by which ``replay`` detects on an exported trial as the trial did."""
+    return path.with_name(path.stem + SETUP_ENDING)
 
 
 def trial_of(
@@ -149,21 +160,28 @@ class Exporter:
     def _begin(self) -> None:
         trial, bag = self._trial, self._bag
         mount = trial.robot.lidar.mount
-        replayed = {
-            "rate_hz": FRAME_HZ,
-            "tick_hz": trial.step_hz,
-            "settings": detector_values(trial.parameters),
-            "robots": [
-                {"name": name, "scan": f"/{name}/scan", "pose": f"/{name}/pose", "mount": mount}
-                for name in self._names
-            ],
-        }
-        bag.write("/midnet/replay", START_NS, ros.text(replayed), is_kept=True)
         bag.write("/map", START_NS, ros.occupancy_grid(START_NS, trial.prior_map), is_kept=True)
         mounted = [(f"{name}/base_footprint", f"{name}/base_scan", mount) for name in self._names]
         bag.write("/tf_static", START_NS, ros.transforms(START_NS, mounted), is_kept=True)
         for guard in trial.guards:
             self._write_pose(guard, START_NS)
+
+    def replay_setup(self, topics: Sequence[str]) -> RecordingSetup:
+        """How ``replay`` makes the trial's frames of the bag; labels are the poses among ``topics``."""
+        poses = {topic.split("/")[2]: topic for topic in topics if topic.endswith("/pose")}
+        return RecordingSetup().changed(
+            {
+                "map": "/map",
+                "scan": {name: f"/{name}/scan" for name in self._names},
+                "pose": {name: f"/{name}/pose" for name in self._names},
+                "no_return": {"nan": "nothing", "zero": "nothing"},
+                "rate_hz": FRAME_HZ,
+                "truth": poses,
+                "preset": "paper",
+                "settings": detector_values(self._trial.parameters),
+            },
+            "export",
+        )
 
     def _stepped(self, due: Sequence[MobileRobot]) -> None:
         """A tick is over, at which the robots ``due`` have localised and some of them have scanned."""
@@ -188,7 +206,6 @@ class Exporter:
     def _write_scan(self, guard: Guard, stamp_ns: int) -> None:
         assert guard.scan is not None
         bag, name, (ranges_m, lidar, *_) = self._bag, self._names[guard.index], guard.scan
-        bag.write(f"/{name}/scan_exact", stamp_ns, ros.exact_scan(ranges_m, lidar))
         scan = ros.laser_scan(f"{name}/base_scan", stamp_ns, ranges_m, lidar, self._scan_period_s)
         bag.write(f"/{name}/scan", stamp_ns, scan)
 

@@ -79,11 +79,11 @@ def simulate(
         MidnetBenchError: PyBullet is not installed and ``engine`` is ``"bullet"``.
     """
     found = registry.experiment(experiment)
-    if found.trial is None:
+    if found.trials.frames is None:
         raise InputError(f"simulate: '{experiment}' has no frames; detection and labyrinth have")
     given = {key: reference_to(value) for key, value in parameters.items()}
     checked = found.parameters.parse(given, f"simulate: {experiment}")
-    return Simulation(found.trial(checked, seed), explain)
+    return Simulation(found.trials.frames(checked, seed), explain)
 
 
 def prior_map(building: OccupancyGrid | str | Path, **parameters: Scalar) -> OccupancyGrid:

@@ -3,27 +3,27 @@
 import hashlib
 import json
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 import midnet_bench
 from midnet_bench.analysis.tables import Table, csv_text
 from midnet_bench.arena.prior_maps import resampled
 from midnet_bench.campaign.provenance import Provenance, collect, now_utc
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot, draw_map
-from midnet_bench.drawing.painter import png_of
+from midnet_bench.drawing.map_pictures import MapHistory, MapSnapshot, draw_map, film_map, percent
+from midnet_bench.drawing.painter import Picture, png_of
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial, Snapshot
+from midnet_bench.geometry import Floats
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, write_atomically
 from midnet_bench.io.map_server import load_map, save_binary_map, save_map
@@ -118,15 +118,15 @@ class MapFiles:
         write_atomically(path, json.dumps([{**started, "ended_utc": now_utc()}], indent=1) + "\n")
         return [self.named(CONFIGURATION), path]
 
-    def write_pictures(self, picture: bytes, growth: Growth, clip: bool) -> list[Path]:
-        """Write ``map.png``, ``growth.png`` and, with ``clip``, ``growth.mp4``."""
-        files = {self.map.with_suffix(".png"): picture, self.named("growth.png"): png_of(growth.page())}
-        for path, content in files.items():
-            write_atomically(path, content)
-        if not clip:
-            return [*files]
-        growth.write_film(self.named("growth.mp4"))
-        return [*files, self.named("growth.mp4")]
+    def write_pictures(
+        self, picture: Picture, history: MapHistory, title: str, clip: bool, walls: Sequence[Floats] = ()
+    ) -> list[Path]:
+        """Write ``map.png`` and, with ``clip``, ``map.mp4``, the same picture of the growing map."""
+        picture_file, film = self.map.with_suffix(".png"), self.map.with_suffix(".mp4")
+        write_atomically(picture_file, png_of(picture))
+        if clip:
+            film_map(film, history, title, walls)
+        return [picture_file, *[film] * clip]
 
 
 def explore(
@@ -156,8 +156,9 @@ def explore(
         history, start = MapHistory(), trial.layout.robots[0]
         within_reach = reachable_free(trial.truth(), (start.x, start.y), trial.robot.radius_m)
         for snapshot in trial.snapshots():
-            history.take(map_snapshot(snapshot, within_reach, trial.robot))
-            progress(snapshot.time_s, history.known)
+            known = float(np.mean(snapshot.grid.data[within_reach] >= 0))
+            history.take(map_snapshot(snapshot, known, trial.robot))
+            progress(snapshot.time_s, known)
         found = trial.result()
         plan = FloorPlan.of(trial.arena, trial.layout, seed)
         kind = trial.robot.name.removeprefix("TurtleBot3 ")
@@ -165,7 +166,7 @@ def explore(
         title = f"{plan.title}: {team}"
         picture = draw_map(found.grid, history.paths(), title, plan.walls)
         written = files.write_map(found.grid, f"{title}; midnet-bench {midnet_bench.__version__}")
-        written += files.write_pictures(png_of(picture), Growth(history, title, plan), clip)
+        written += files.write_pictures(picture, history, title, clip, plan.walls)
         robots = trial.rows_of_robots()
     row: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
     scores = Table("scores", "The map against the arena", [{**row, **found.row()}], DIGITS)
@@ -175,13 +176,10 @@ def explore(
     return MadeMap(found.grid, written, found.warnings, scores)
 
 
-def map_snapshot(at: Snapshot, within_reach: npt.NDArray[np.bool_], model: RobotModel) -> MapSnapshot:
-    """A snapshot of a trial as plain data to be drawn.
-
-    ``within_reach``: (rows, columns) which cells of its map a robot can reach and are truly free.
-    """
-    known = float(np.mean(at.grid.data[within_reach] >= 0))
-    return MapSnapshot(at.time_s, known, at.grid, at.poses, at.believed, at.goals, paths=[], model=model)
+def map_snapshot(at: Snapshot, known: float, model: RobotModel) -> MapSnapshot:
+    """A snapshot of a trial as plain data to be drawn; ``known``: share of the free cells in reach."""
+    caption = f"{at.time_s:.0f} s: {percent(known)} explored"
+    return MapSnapshot(caption, at.grid, at.believed, at.goals, [], model)
 
 
 def map_log(
@@ -224,8 +222,8 @@ def map_log(
     written = files.write_map(result.grid, comment)
     trajectory = files.named("trajectory.tum")
     warnings = result.warnings + write_trajectory(result, log.path, trajectory)
-    picture = png_of(draw_map(result.grid, [result.trajectory.poses], comment))
-    written += [trajectory, *files.write_pictures(picture, Growth(history, comment), clip)]
+    picture = draw_map(result.grid, [result.trajectory.poses], comment)
+    written += [trajectory, *files.write_pictures(picture, history, comment, clip)]
     written += files.write_provenance(provenance)
     return MadeMap(result.grid, written, warnings)
 
@@ -246,7 +244,7 @@ def log_snapshot(done: int, slam: GridSlam) -> MapSnapshot:
     grid = slam.occupancy()
     known_m2 = float(np.count_nonzero(grid.data >= 0)) * grid.resolution**2
     believed, path = np.array([slam.best_pose]), slam.trajectory.poses[:, :2]
-    return MapSnapshot(float(done), known_m2, grid, np.empty((0, 3)), believed, [None], [path])
+    return MapSnapshot(f"{done} scans: {known_m2:.0f} m² known", grid, believed, [None], [path])
 
 
 def draw(settings: Mapping[str, Scalar], output: Path) -> MadeMap:

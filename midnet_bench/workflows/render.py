@@ -55,11 +55,11 @@ def render_trial(
         MidnetBenchError: there is no room, or ffmpeg fails.
     """
     found, directory = registry.experiment(experiment), Path(directory)
-    if found.demo is None:
+    if found.trials.demo is None:
         raise InputError(f"render: '{experiment}' has no guards; 'midnet-bench map ARENA' draws explorations")
     if not 0.0 < speed <= MAX_SPEED:
         raise InputError(f"speed: {speed:g} is out of range; allowed: above 0, at most {MAX_SPEED:g}")
-    with found.demo(found.parameters.parse(parameters, experiment), seed) as demo:
+    with found.trials.demo(found.parameters.parse(parameters, experiment), seed) as demo:
         chosen = min(DEFAULT_FRAME, demo.max_frames) if frame_number is None else frame_number
         if not 1 <= chosen <= demo.max_frames:
             raise InputError(f"frame: {chosen} is out of range; the trial has frames 1 to {demo.max_frames}")

@@ -153,7 +153,9 @@ class _Run:
         write_atomically(folder / "events.csv", summary.event_rows(scores, has_truth))
         tables = [*summary.score_tables(scores, has_truth), summary.cause_table(counted)]
         files = [folder / "boxes.csv", folder / "errors.csv", folder / "events.csv"]
-        files += [file for table in tables for file in table.write(folder)]
+        for table in tables:
+            files.append(folder / f"{table.name}.csv")
+            write_atomically(files[-1], table.to_csv())
         files += [folder / "trial.mp4", folder / "storyboard.png"] * film
         if self.inputs.setup.unmapped:
             files += self._write_unmapped(note)

@@ -77,18 +77,18 @@ def write_report(
     else:
         results = load_results(directory, tables_of)
         record = experiment_of(results)
-    tables = list(record.tables(results))
-    found = record.claims(results)
+    tables = list(record.report.tables(results))
+    found = record.report.claims(results)
     claims = verdict_table(found) if found else None
     write_tables([*tables, claims] if claims else tables, directory)
-    names = record.printed
+    names = record.report.printed
     printed = [table for table in tables if not names or table.name in names]
     printed.sort(key=lambda table: names.index(table.name) if names else 0)
     report = Report(results, tables, printed, _headline(record, results) if results.finished else None)
     before_drawing(report)
     pictures: list[Picture] = []
     if results.finished >= drawn_from:
-        pictures, swept = _drawn(record.figures(results), formats), _swept(sweeps(results), formats)
+        pictures, swept = _drawn(record.report.figures(results), formats), _swept(sweeps(results), formats)
         _write(directory, pictures, swept)
         pictures += swept
     if results.finished:
@@ -127,14 +127,14 @@ def _write_page(
         version=__version__,
     )
     # what plays trials knows arenas and robots, which take a second to import
-    recordings = record.recordings(results) if RECORDED in results.tables else ()
+    recordings = record.report.recordings(results) if RECORDED in results.tables else ()
     write_atomically(results.directory / PAGE, report_page(content, recordings))
 
 
 def _headline(record: Experiment, results: Results) -> Headline | None:
-    if record.headline is None:
+    if record.report.headline is None:
         return None
-    return record.headline(results, packaged_reference(record, results))
+    return record.report.headline(results, packaged_reference(record, results))
 
 
 def plot(
@@ -174,7 +174,7 @@ def plot(
     results = load_results(directory, tables_of)
     if x is not None:
         return _write(target, [], _swept([sweep(results, x, y)], wanted))
-    figures = _drawn(experiment_of(results).figures(results), wanted)
+    figures = _drawn(experiment_of(results).report.figures(results), wanted)
     written = _write(target, figures, _swept(sweeps(results), wanted))
     if not written:
         raise InputError(
@@ -187,7 +187,7 @@ def plot(
 def write_comparison(found: Comparison, output: Path) -> None:
     """Write a comparison's tables, and the figures that its campaigns have in common."""
     write_tables(found.tables, output)
-    _write(output, _drawn(found.experiment.comparison_figures(found.campaigns), FORMATS))
+    _write(output, _drawn(found.experiment.report.comparison_figures(found.campaigns), FORMATS))
 
 
 def _drawn(figures: "Mapping[str, Figure]", formats: Sequence[str]) -> "list[Picture]":

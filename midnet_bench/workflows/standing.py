@@ -128,7 +128,7 @@ def standing(results: Results, costs: Mapping[str, float]) -> Table:
 def _scores_of(results: Results) -> dict[Key, pd.DataFrame]:
     """The scores of each method of a campaign. Raises InputError: a trial is missing."""
     record = experiment_of(results)
-    assert record.measures is not None
+    assert record.report.measures is not None
     definition = results.definition
     if results.finished != definition.cells * definition.trials:
         raise InputError(f"{results.directory}: trials are missing; run the same command again")
@@ -137,7 +137,7 @@ def _scores_of(results: Results) -> dict[Key, pd.DataFrame]:
         part = results
         for name, value in zip(METHOD, key, strict=True):
             part = part.by_value(name)[str(value)] if name in definition.grid else part
-        found[tuple(map(str, key))] = record.measures(part)
+        found[tuple(map(str, key))] = record.report.measures(part)
     return found
 
 

@@ -43,7 +43,7 @@ def verify(directory: str | Path) -> Verified:
     """
     results = load_results(directory, registry.tables_of)
     record = registry.experiment_of(results)
-    found = record.claims(results)
+    found = record.report.claims(results)
     if not found:
         raise InputError(f"{directory}: nothing here that the paper states a result for")
     table, code = verdict_table(found), max(EXIT_CODES.get(each.verdict, 0) for each in judged(found))
@@ -62,7 +62,7 @@ def summarized(table: Table, record: registry.Experiment, results: Results) -> s
         return sentence
     first = reference.definition.base_seed
     last = first + reference.definition.trials - 1
-    known = summary(verdict_table(record.claims(reference)))
+    known = summary(verdict_table(record.report.claims(reference)))
     return f"{sentence} The packaged reference, seeds {first} to {last}: {known[0].lower()}{known[1:]}"
 
 
@@ -95,13 +95,13 @@ def power_report(
         raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
     results = load_results(directory, registry.tables_of)
     record = registry.experiment_of(results)
-    if record.power is None:
+    if record.report.power is None:
         raise InputError(f"{directory}: a {record.name} campaign; --difference works on labyrinth campaigns")
     if results.definition.trials < 2:
         raise InputError(
             f"{directory}: one trial per cell shows no spread; --difference needs 2, so --seeds 2"
         )
-    return results.definition.experiment, record.power(results, abs(difference), robots, power)
+    return results.definition.experiment, record.report.power(results, abs(difference), robots, power)
 
 
 def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:

@@ -75,10 +75,10 @@ def test_boxes_count_by_cause_and_by_the_place_of_their_own_frame() -> None:
 
 def test_what_is_taken_from_intruders_is_what_touches_one_near_a_teammate() -> None:
     found = (
-        RecordedBox(0, Box.square(0.6, 0.0, 0.3), 1),  # removed
-        RecordedBox(0, Box.square(0.4, 0.0, 0.3), None),  # not removed
-        RecordedBox(0, Box.square(0.9, 0.0, 0.3), 1),  # on the teammate alone
-        RecordedBox(1, Box.square(0.6, 0.0, 0.3), 0),  # 0.6 m from the only teammate
+        RecordedBox(0, Box.square(0.6, 0.0, 0.3), ally=1),  # removed
+        RecordedBox(0, Box.square(0.4, 0.0, 0.3)),  # not removed
+        RecordedBox(0, Box.square(0.9, 0.0, 0.3), ally=1),  # on the teammate alone
+        RecordedBox(1, Box.square(0.6, 0.0, 0.3), ally=0),  # 0.6 m from the only teammate
     )
     assert removed_from_intruders([frame(7, (0.0, 0.0), (0.9, 0.0), found=found)], [], 2) == Count(1, 1, 2)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from random import Random
 
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.registry import Experiment
+from midnet_bench.experiments.registry import Experiment, Trials
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 
@@ -33,4 +33,4 @@ def roll(parameters: DiceParameters, seed: int) -> TrialResult:
     return TrialResult({"rolls": [{"eyes": eyes, "validations": since_the_last}]}, simulated_s=1.0)
 
 
-DICE = Experiment(name="dice", summary="Roll a die.", parameters=DiceParameters, run=roll)
+DICE = Experiment(name="dice", summary="Roll a die.", parameters=DiceParameters, trials=Trials(run=roll))

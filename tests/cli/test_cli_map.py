@@ -73,36 +73,29 @@ def test_an_exploration_leaves_scores_robots_configuration_and_provenance(explor
 
 @pytest.mark.slow
 def test_an_exploration_is_drawn(explored: Path) -> None:
-    growth = cv2.imread(str(explored / "growth.png"))
-    assert growth is not None
-    first, last = growth[80:540, 20:480], growth[600:1060, 1010:1470]
-    unknown = [np.all(tile == 205, axis=2).mean() for tile in (first, last)]
-    assert unknown[0] > unknown[1] + 0.05
     final = cv2.imread(str(explored / "map.png"))
     assert final is not None
 
 
 @pytest.mark.slow
-def test_an_exploration_is_filmed_in_real_time_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_an_exploration_is_filmed_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     write_arena(tmp_path)
     run = ("map", "rooms.yaml", "--robots", 2, "--set", "time_limit_s=3")
     worked(*run, "-o", "filmed", folder=tmp_path)
     folder = tmp_path / "filmed"
-    film = cv2.VideoCapture(str(folder / "growth.mp4"))
-    assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 1280
-    seconds = film.get(cv2.CAP_PROP_FRAME_COUNT) / film.get(cv2.CAP_PROP_FPS)
+    film = cv2.VideoCapture(str(folder / "map.mp4"))
     (score,) = rows(folder / "scores.csv")
-    assert seconds == pytest.approx(float(score["time_s"]) - 1.0 + 2.0, abs=0.5)  # and the end
+    assert (
+        film.get(cv2.CAP_PROP_FRAME_COUNT) == 1 + round(float(score["time_s"])) + 20
+    )  # the start, and the end
 
     told = json.loads(worked(*run, "--no-clip", "--json", "-o", "again.yaml", folder=tmp_path).stdout)
     assert told["tables"]["scores"][0]["robots"] == 2
     assert told["tables"]["scores"][0]["merge_confidence"] is None
-    assert "again_growth.png" in told["files"]
-    assert not (tmp_path / "again_growth.mp4").exists()
+    assert "again.png" in told["files"]
+    assert not (tmp_path / "again.mp4").exists()
     pairs = {"map.pgm": "again.pgm", "map.png": "again.png"}
-    pairs |= {
-        name: f"again_{name}" for name in ("growth.png", "scores.csv", "robots.csv", "configuration.json")
-    }
+    pairs |= {name: f"again_{name}" for name in ("scores.csv", "robots.csv", "configuration.json")}
     for one, other in pairs.items():
         assert (folder / one).read_bytes() == (tmp_path / other).read_bytes(), one
 
@@ -198,18 +191,12 @@ def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path)
     assert set(np.unique(binary.data).tolist()) == {0, 100}
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) >= 4
     assert cv2.imread(str(tmp_path / "out" / "map.png")) is not None
-    growth = cv2.imread(str(tmp_path / "out" / "growth.png"))
-    assert growth is not None
-    first, last = growth[70:450, 12:492], growth[-480:-12, -492:-12]
-    unknown = [np.all(tile == 205, axis=2).mean() for tile in (first, last)]
-    assert unknown[0] > unknown[1] > 0.0
-    film = cv2.VideoCapture(str(tmp_path / "out" / "growth.mp4"))
+    film = cv2.VideoCapture(str(tmp_path / "out" / "map.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 8 + 20, "each scan, and two seconds of the last"
     configuration = json.loads((tmp_path / "out" / "configuration.json").read_text())
     assert configuration["gmapping"]["particles"] == 5
     worked(*run, "--no-clip", "-o", "again.yaml", folder=tmp_path)
-    assert (tmp_path / "again_growth.png").exists()
-    assert not (tmp_path / "again_growth.mp4").exists()
+    assert not (tmp_path / "again.mp4").exists()
     for one, other in (("map.pgm", "again.pgm"), ("trajectory.tum", "again_trajectory.tum")):
         assert (tmp_path / "out" / one).read_bytes() == (tmp_path / other).read_bytes()
 

@@ -22,9 +22,9 @@ def left_by(name: str, **values: Any) -> list[str]:
     """The classes of this package of which a trial leaves objects that only a garbage collection finds."""
     found = experiment(name)
     parameters = found.parameters.of(engine="fast", **values)
-    found.run(parameters, 1)  # what is imported or compiled for the first time may leave some
+    found.trials.run(parameters, 1)  # what is imported or compiled for the first time may leave some
     gc.collect()
-    found.run(parameters, 2)
+    found.trials.run(parameters, 2)
     gc.set_debug(gc.DEBUG_SAVEALL)
     try:
         gc.collect()

@@ -86,7 +86,7 @@ def test_every_experiment_with_guards_gives_a_demo() -> None:
     for name, frames in (("detection", 3), ("labyrinth", 2)):
         found = registry.experiment(name)
         values = {"robots": 1, **({"time_limit_s": 0.4} if name == "labyrinth" else {"frames": 3})}
-        with found.demo(found.parameters.parse(values, name), 2) as demo:
+        with found.trials.demo(found.parameters.parse(values, name), 2) as demo:
             assert demo.max_frames == frames
             assert [scene.frame for scene in demo.scenes] == list(range(1, frames + 1))
-    assert registry.experiment("mapping").demo is None
+    assert registry.experiment("mapping").trials.demo is None

@@ -11,7 +11,7 @@ from midnet_bench.experiments.registry import experiment, names, parameters_mode
 DICE = """
 from dataclasses import dataclass
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.registry import Experiment
+from midnet_bench.experiments.registry import Experiment, Trials
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.rng import stream
 from midnet_bench.settings import option
@@ -23,7 +23,7 @@ class DiceParameters(Parameters):
 def roll(parameters, seed):
     return TrialResult({"rolls": [{"eyes": int(stream(seed, "dice").integers(parameters.sides))}]}, 1.0)
 
-DICE = Experiment(name="dice", summary="Roll dice.", parameters=DiceParameters, run=roll)
+DICE = Experiment(name="dice", summary="Roll dice.", parameters=DiceParameters, trials=Trials(run=roll))
 NOTHING = 3
 """
 

@@ -34,7 +34,7 @@ EXPERIMENT = b"""
 from dataclasses import dataclass
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.registry import Experiment
+from midnet_bench.experiments.registry import Experiment, Report, Trials
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 
@@ -49,7 +49,8 @@ def walk(parameters, seed):
 def tables(results):
     return [Table("drift", "Drift", [{"drift_m": 1.0}])]
 
-WALK = Experiment(name="walk", summary="A walk.", parameters=Walk, run=walk, tables=tables)
+WALK = Experiment(name="walk", summary="A walk.", parameters=Walk, trials=Trials(run=walk),
+                  report=Report(tables=tables))
 """
 WALKING = b"experiment: walk.py:WALK\ngrid: {steps: [10, 20]}\ntrials: 3\n"
 

@@ -17,13 +17,6 @@ from tests.recording.recordings import Drive, Said
 Random = random.Random
 DRIVE = Drive(seconds=1.5, lidar=made.lidar_of(24), pose_rate_hz=10.0)
 CONTAINERS = ("mcap", "ros1", "ros1-bz2", "ros1-lz4", "ros2")
-OWN = {
-    "rate_hz": 5.0,
-    "tick_hz": 30.0,
-    "settings": {"thresh_local": 50, "detector": "midnet"},
-    "robots": [{"name": "robot", "scan": "/scan", "pose": "/pose", "mount": [0.1, 0.02, 0.05]}],
-}
-"""what an exported trial says of itself"""
 MOUNT = [0.1, 0.02, 2.86]
 SETUP: dict[str, Any] = {
     "map": "map.yaml",
@@ -100,15 +93,10 @@ def bag(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
 
 
 def bag_messages(rng: Random | None, sources: Path, folder: Path) -> tuple[str, ...]:
-    """A sound bag of messages that say what cannot be, or of what an exported trial says of itself."""
+    """A sound bag of messages that say what cannot be."""
     _beside(sources, folder)
     said, way = list(messages()), pick(rng, WAYS)
-    if chance(rng, 0.4):
-        text = text_file(json.dumps(OWN).encode(), rng, True).decode(errors="replace")
-        message = Message("std_msgs/msg/String", {"data": text.replace("\0", "")})
-        said.append(Said("/midnet/replay", made.ns_of(0.0), message, is_kept=True))
-        way = pick(rng, ((), ("--map", "/map")))
-    elif rng is not None:
+    if rng is not None:
         kinds = sorted({one.message.kind for one in said})
         for _ in range(rng.choice((1, 2, 5))):
             kind = rng.choice(kinds)  # as many maps as scans

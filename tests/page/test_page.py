@@ -102,7 +102,7 @@ def test_a_recorded_campaigns_page_is_complete_and_made_alike_again(
 def test_the_funnel_counts_each_recorded_error_and_its_examples_show_it(recorded_campaign: Path) -> None:
     results = load_results(recorded_campaign, tables_of)
     errors, funnel = results.table("errors"), Funnel()
-    recordings = list(experiment_of(results).recordings(results))
+    recordings = list(experiment_of(results).report.recordings(results))
     for place, recording in enumerate(recordings):
         funnel.add(recording, place)
     is_miss = errors["kind"] == "miss"
@@ -140,7 +140,7 @@ def content(**changed: object) -> Content:
 @pytest.mark.slow
 def test_what_does_not_fit_is_left_out_scans_first_and_told(recorded_campaign: Path) -> None:
     results = load_results(recorded_campaign, tables_of)
-    recordings: list[Recording] = list(experiment_of(results).recordings(results))
+    recordings: list[Recording] = list(experiment_of(results).report.recordings(results))
 
     def made(most_bytes: int) -> str:
         text = report_page(content(), recordings, most_bytes)

@@ -69,7 +69,7 @@ def test_one_value_is_every_robot_s_and_a_name_s_own_counts_more() -> None:
 def test_the_page_has_every_key_and_its_example_is_a_setup() -> None:
     page = PAGE.read_text(encoding="utf-8")
     section = page[page.index("## setup.yaml") :]
-    for key in set(RecordingSetup.model_fields) - {"tick_hz", "unmapped"}:
+    for key in set(RecordingSetup.model_fields) - {"unmapped"}:
         assert re.search(rf"`[^`]*\b{key}\b[^`]*`", section), key
     (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     assert "mount: [-0.153, 0.021, 0.37]" in example

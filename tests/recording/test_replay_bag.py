@@ -60,7 +60,9 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["out.bag", "out"])
 def test_boxes_of_a_trial_go_round(name: str, trial: Path, tmp_path: Path) -> None:
-    done = midnet_bench("replay", trial, "--bag", tmp_path / name, "-o", "out_", folder=tmp_path)
+    setup = trial.with_name("trial.setup.yaml")
+    line = ("replay", trial, "--setup", setup, "--bag", tmp_path / name, "-o", "out_")
+    done = midnet_bench(*line, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     scores = rows(tmp_path / "out_" / "recording_scores.csv")
     assert int(scores[0]["labelled"]) == 6  # its truth is its own

@@ -6,9 +6,20 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.errors import InputError
+from midnet_bench.plugins import ExtensionPoint
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.simulation.engine import SIMULATORS
-from midnet_bench.workflows.check import CHASE, PLUGINS, SHORT, _engine_faults, _robot_faults, check, recorded
+from midnet_bench.workflows.check import (
+    CHASE,
+    EVERY,
+    PLUGINS,
+    ROWS,
+    SHORT,
+    Checked,
+    Row,
+    check,
+    recorded,
+)
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
@@ -102,23 +113,30 @@ METRIC = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seam", "template", "fault", "code"),
+    ("option", "template", "fault", "code"),
     [("detector", DETECTOR, *one) for one in BROKEN.items()]
     + [("pursuit", PURSUIT, *one) for one in CHASES.items()]
     + [("metrics", METRIC, *one) for one in MEASURES.items()],
 )
 def test_the_fault_of_a_broken_plug_in_is_found(
-    seam: str, template: str, fault: str, code: str, folder: Path, request: pytest.FixtureRequest
+    option: str, template: str, fault: str, code: str, folder: Path, request: pytest.FixtureRequest
 ) -> None:
     if "process" not in fault:
         request.getfixturevalue("trials_in_this_process")
     (folder / "mine.py").write_text(template.format(code))
     found = check("mine.py:Mine")
-    assert found.seam == seam
+    assert found.option == option
     assert any(fault in one for one in found.faults), found.faults
     assert all("\n" not in one for one in found.faults)
     if "process" not in found.faults[0]:
         assert all("mine.py:" in one.replace("mine.py:Mine", "") for one in found.faults), found.faults
+
+
+def faults_without_trials(point: ExtensionPoint, name: str) -> list[str]:
+    """By the rows that ask things of plug-ins of this extension point alone."""
+    (plugin,) = (plugin for plugin in PLUGINS if plugin.point is point)
+    own_rows: list[Row] = [row for row in ROWS if point in row.of and row.of != EVERY]
+    return [fault for row in own_rows for fault in row.faults(Checked(plugin, name))]
 
 
 @pytest.mark.parametrize(
@@ -139,15 +157,15 @@ def test_the_fault_of_a_broken_plug_in_is_found(
 def test_the_fault_of_an_engine_is_found(right: str, wrong: str, fault: str | None, folder: Path) -> None:
     (folder / "stub.py").write_text(OWN_ENGINE.replace(right, wrong))
     name = SIMULATORS.pinned("stub.py:World")
-    faults = list(_engine_faults(name))
+    faults = faults_without_trials(SIMULATORS, name)
     assert faults == [] if fault is None else any(fault in one for one in faults), faults
 
 
 @pytest.mark.slow
 def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
     (folder / "mine.py").write_text(OWN_ROBOT)
-    assert list(_robot_faults(ROBOTS.make(ROBOTS.pinned("mine.py:ROBOT")))) == []
-    weak = list(_robot_faults(ROBOTS.make(ROBOTS.pinned("mine.py:ROBOT(rim_acceleration_mps2=0.01)"))))
+    assert faults_without_trials(ROBOTS, ROBOTS.pinned("mine.py:ROBOT")) == []
+    weak = faults_without_trials(ROBOTS, ROBOTS.pinned("mine.py:ROBOT(rim_acceleration_mps2=0.01)"))
     assert any(one.startswith("on fast: drive: told 0.24 m/s") for one in weak), weak
 
 
@@ -165,10 +183,10 @@ def test_a_good_detector_of_ones_own_is_ok_and_a_broken_one_has_exit_code_one(fo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", dict.fromkeys(name for plugin in PLUGINS for name in plugin.seam.own))
+@pytest.mark.parametrize("name", dict.fromkeys(name for plugin in PLUGINS for name in plugin.point.own))
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
     for plugin in PLUGINS:
-        if library := plugin.seam.needs.get(name):
+        if library := plugin.point.needs.get(name):
             pytest.importorskip(library, reason=f"the extra midnet-bench[{name}] is not installed")
     assert check(name).faults == []
 
@@ -179,7 +197,7 @@ def test_the_method_says_that_a_class_is_a_fusion(folder: Path) -> None:
         "class First:\n    def fuse(self, found, time_s):\n        return found[0]\n"
     )
     found = check("mine.py:First")
-    assert found.seam == "fusion"
+    assert found.option == "fusion"
     assert any(one.startswith("with nobody: fusion mine.py:First") for one in found.faults)
 
 
@@ -190,14 +208,13 @@ def test_a_patrol_that_sends_guards_through_walls_is_found(folder: Path) -> None
         "    def next_point(self, guard, team, time_s):\n        return 100.0, guard\n"
     )
     found = check("mine.py:Away")
-    assert found.seam == "patrol"
-    assert found.faults == [
-        "mine.py:4: it sends a guard to (100, 1) m, which is near no point of the patrol: return one of the "
-        "points that the constructor got"
-    ]
+    assert found.option == "patrol"
+    (fault,) = found.faults
+    assert fault.startswith("mine.py:4: (100, ")
+    assert fault.endswith(" m: return one of the points that the constructor got")
 
 
-def test_what_is_for_no_seam_is_one_line(folder: Path) -> None:
+def test_what_is_for_no_extension_point_is_one_line(folder: Path) -> None:
     complaint = one_line_of_complaint(midnet_bench("check", "os:sep", folder=folder))
     assert "expected a class with a method 'detect', or a function" in complaint
     with pytest.raises(InputError, match="unknown name 'nix'"):

@@ -90,14 +90,16 @@ def test_what_cannot_be_ranked_is_said() -> None:
 def test_all_cells_together_are_no_world_of_their_own_where_there_is_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    measured = module.experiment_of(results({("midnet", "paper"): 60})).measures
+    record = module.experiment_of(results({("midnet", "paper"): 60}))
+    measured = record.report.measures
     assert measured is not None
 
     def twice(of: Results) -> pd.DataFrame:
         found = measured(of)
         return pd.concat([found, found.assign(robots=None, scope="all cells")])
 
-    monkeypatch.setattr(module, "experiment_of", lambda of: replace(experiment_of(of), measures=twice))
+    record = replace(record, report=replace(record.report, measures=twice))
+    monkeypatch.setattr(module, "experiment_of", lambda of: record)
     by_f1, _ = rank("somewhere")
     assert len(by_f1.rows) == 4
     assert not any("world" in row for row in by_f1.rows)

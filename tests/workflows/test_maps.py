@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.growth import MapHistory
+from midnet_bench.drawing.map_pictures import MapHistory
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.map_server import load_map
@@ -56,7 +56,7 @@ main()
     )
     assert done.returncode == 0, done.stderr
     made = {path.name for path in (tmp_path / "made").iterdir()}
-    assert {"map.yaml", "map_binary.yaml", "map.png", "growth.png", "trajectory.tum"} <= made
+    assert {"map.yaml", "map_binary.yaml", "map.png", "trajectory.tum"} <= made
     grid = load_map(tmp_path / "made" / "map.yaml")
     assert np.count_nonzero(grid.data >= 0) * grid.resolution**2 == pytest.approx(SIDE_M**2, abs=3.0)
 
@@ -75,18 +75,18 @@ def mapped() -> tuple[MapHistory, MappingResult]:
 
 def test_snapshots_lead_to_the_map(mapped: tuple[MapHistory, MappingResult]) -> None:
     history, result = mapped
-    assert history.clocks == list(range(1, TURNS + 1))
-    first, last = history.at(1), history.at(TURNS)
+    snapshots = list(history.snapshots(2 * TURNS))
+    assert [int(one.caption.split()[0]) for one in snapshots] == list(range(1, TURNS + 1))
+    first, last = snapshots[0], snapshots[-1]
     np.testing.assert_array_equal(last.grid.data, result.grid.data)
-    assert first.known == pytest.approx(SIDE_M**2 / 2.0, abs=2.5)
-    assert last.known == pytest.approx(SIDE_M**2, abs=3.0)
-    assert len(last.paths[0]) == len(result.trajectory) + 1
-    assert last.poses.shape == (0, 3)
+    known_m2 = [int(one.caption.split()[2]) for one in (first, last)]
+    assert known_m2 == pytest.approx([SIDE_M**2 / 2.0, SIDE_M**2], abs=3.0)
+    assert len(last.paths[0]) == len(result.trajectory)
     view = history.view()
-    for clock in history.clocks:
-        x_min, y_min, x_max, y_max = history.at(clock).grid.extent
-        assert view.x_min < x_min < x_max < view.x_max
-        assert view.y_min < y_min < y_max < view.y_max
+    for one in snapshots:
+        x_min, y_min, x_max, y_max = one.grid.extent
+        assert view.x_min <= x_min < x_max <= view.x_max
+        assert view.y_min <= y_min < y_max <= view.y_max
 
 
 @pytest.mark.parametrize(("stamp_s", "what"), [(3.0, "stands still"), (-1.0, "runs backwards")])

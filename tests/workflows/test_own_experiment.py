@@ -23,7 +23,7 @@ from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.statistics import mean
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
-from midnet_bench.experiments.registry import Experiment
+from midnet_bench.experiments.registry import Experiment, Report, Trials
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.rng import stream
 from midnet_bench.settings import option
@@ -70,8 +70,8 @@ def measures(results):
 
 
 WALK = Experiment(
-    name="walk", summary="A random walk.", parameters=Walk, run=walk,
-    tables=tables, figures=figures, claims=claims, measures=measures,
+    name="walk", summary="A random walk.", parameters=Walk, trials=Trials(run=walk),
+    report=Report(tables=tables, figures=figures, claims=claims, measures=measures),
 )
 '''
 CAMPAIGN = """

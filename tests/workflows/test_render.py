@@ -113,7 +113,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from midnet_bench.campaign.trial import TrialResult
 from midnet_bench.drawing.scene import Demo
-from midnet_bench.experiments.registry import Experiment
+from midnet_bench.experiments.registry import Experiment, Trials
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.settings import option
 from tests.drawing.hand_made import setup_and_scene
@@ -130,7 +130,7 @@ def demo(parameters, seed):
     yield Demo(setup, parameters.frames, scenes)
 
 STILL = Experiment(name="still", summary="Nothing moves.", parameters=StillParameters,
-                   run=lambda parameters, seed: TrialResult({}, 1.0), demo=demo)
+                   trials=Trials(run=lambda parameters, seed: TrialResult({}, 1.0), demo=demo))
 """
 
 

@@ -67,7 +67,7 @@ def check_campaign(results: Results) -> None:
             check(name, set(frame.columns) - place)
         else:
             pytest.fail(f"{name}.csv is not described")
-    for table in experiment_of(results).tables(results):
+    for table in experiment_of(results).report.tables(results):
         check_table(table)
 
 

@@ -39,8 +39,8 @@ class RecordedBox(NamedTuple):
 
     guard: int  # index of the guard that it comes from
     box: Box
-    other: int | None
-    """before fusion the index of the ally that it was removed for; then that of the truth paired with it"""
+    ally: int | None = None  # index of the guard that it was removed for, of a box before fusion
+    truth: int | None = None  # index of the intruder that is paired with it, of a box of the team
 
 
 class RecordedFrame(NamedTuple):
@@ -63,8 +63,8 @@ class RecordedFrame(NamedTuple):
                 for robot in self.robots
             ],
             "truths": [[name, *_mm(box), int(near), found] for name, box, near, found in self.truths],
-            "found": [[guard, *_mm(box), ally] for guard, box, ally in self.found],
-            "detections": [[guard, *_mm(box), truth] for guard, box, truth in self.detections],
+            "found": [[one.guard, *_mm(one.box), one.ally] for one in self.found],
+            "detections": [[one.guard, *_mm(one.box), one.truth] for one in self.detections],
         }
         scans = (
             f"{base64.b64encode(_cm(scan)).decode()}@{','.join(map(str, _mm(sensor or ())))}"
@@ -77,11 +77,8 @@ class RecordedFrame(NamedTuple):
     def from_row(cls, row: Mapping[str, object]) -> "RecordedFrame":
         """What :meth:`to_row` packed. Raises ValueError if it is damaged."""
         try:
-            poses, truths, *boxes = (
+            poses, truths, found, detections = (
                 json.loads(str(row[name])) for name in ("poses", "truths", "found", "detections")
-            )
-            found, detections = (
-                [RecordedBox(guard, _box(sides), other) for guard, *sides, other in rows] for rows in boxes
             )
             scans = [scan.partition("@") for scan in str(row["scans"]).split()]
             return cls(
@@ -91,8 +88,8 @@ class RecordedFrame(NamedTuple):
                     RecordedTruth(name, _box(sides), bool(near), detection)
                     for name, *sides, near, detection in truths
                 ],
-                found,
-                detections,
+                [RecordedBox(guard, _box(sides), ally=ally) for guard, *sides, ally in found],
+                [RecordedBox(guard, _box(sides), truth=truth) for guard, *sides, truth in detections],
                 [
                     [None if cm == NO_RETURN else cm / 100.0 for cm in base64.b64decode(scan)]
                     for scan, _, _ in scans

@@ -101,11 +101,14 @@ class Recorder:
                 )
             ],
             found=[
-                RecordedBox(guard, box, allies.get((guard, box)))
+                RecordedBox(guard, box, ally=allies.get((guard, box)))
                 for guard, view in enumerate(explanation.views if explanation else ())
                 for box in view.found
             ],
-            detections=list(map(RecordedBox, midnet.robots, midnet.detections, match.truth_of)),
+            detections=[
+                RecordedBox(guard, box, truth=truth)
+                for guard, box, truth in zip(midnet.robots, midnet.detections, match.truth_of, strict=True)
+            ],
             scans_m=[[] if scan is None else recorded_scan(scan.ranges_m) for scan in scans],
             sensors=[scan and scan.pose.compose(scan.lidar.mount) for scan in scans],
         )

@@ -91,8 +91,8 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
             ]
             for frame in frames
         ],
-        "found": tracked([_boxes(frame.found) for frame in frames]),
-        "detections": tracked([_boxes(frame.detections) for frame in frames]),
+        "found": tracked([[_box(one, one.ally) for one in frame.found] for frame in frames]),
+        "detections": tracked([[_box(one, one.truth) for one in frame.detections] for frame in frames]),
         "errors": _errors(len(frames), tables[ERRORS], words),
     }
     return Recording(
@@ -157,8 +157,8 @@ def _sides(box: Sequence[float]) -> tuple[int, int, int, int]:
     return x, y, right - x, top - y
 
 
-def _boxes(boxes: Sequence[RecordedBox]) -> list[list[int]]:
-    return [[guard, *_sides(box), _index(other)] for guard, box, other in boxes]
+def _box(box: RecordedBox, other: int | None) -> list[int]:
+    return [box.guard, *_sides(box.box), _index(other)]
 
 
 def _turned(steps: int) -> int:

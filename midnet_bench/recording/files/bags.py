@@ -1,30 +1,25 @@
 """ROS 1 bags, ROS 2 bag folders, MCAP and SQLite files, read by ``rosbags``; no ROS is needed.
 
 What a file is, its first bytes say. A ROS 2 folder is its data files; ``metadata.yaml`` only names them.
-Chunks are unpacked in bounded steps, and records are read in their order where the index is missing.
+Chunks are unpacked in bounded steps. A bag without its index is refused with the tool that makes one.
 """
 
 import bz2
-import io
-import os
 import re
-import struct
 import sys
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any
 
 import lz4.frame
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import reader as rosbag1
-from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2 import ReaderError, storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
-from rosbags.typesys.msg import normalize_msgtype
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
@@ -41,18 +36,30 @@ ROS1_MAGIC, MCAP_MAGIC, ZSTD_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"\x28\x
 ROS1, MCAP, SQLITE, PACKED = ".bag", ".mcap", ".db3", ".zstd"
 MAGIC = {ROS1_MAGIC: ROS1, MCAP_MAGIC: MCAP, b"SQLite format 3": SQLITE, ZSTD_MAGIC: PACKED}
 """first bytes of a file -> the ending that it should have"""
-READERS: dict[str, Any] = {ROS1: Ros1Reader, MCAP: McapReader, SQLITE: Sqlite3Reader}
 MOST_BYTES = 150_000_000  # of a chunk or a message; recorders make chunks of one to four megabytes
 MOST_TIMES = 100
 """a file that is packed as a whole may grow to so many times its size; scans shrink to a fifth"""
 STEP_BYTES = 1 << 20
+NO_SPAN = 0, 0
 _UNPACKERS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
     "lz4": lz4.frame.LZ4FrameDecompressor,
     "zstd": zstd.ZstdDecompressor,
 }
-MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK, MCAP_END = 3, 4, 5, 6, 15
-"""kinds of records, as https://mcap.dev/spec numbers them; what follows the end of the data is the index"""
+MENDED_BY = {ROS1: "rosbag reindex {}", MCAP: "mcap recover {} -o NEW.mcap"}
+"""what makes the index of a bag that was cut off or never closed; mcap: https://mcap.dev/guides/cli"""
+
+
+class IndexedMcapReader(McapReader):
+    """rosbags' reader without its search through files that have no index, which holds whole records."""
+
+    def meta_scan(self) -> None:
+        """Raises ReaderError: the file holds messages that no index names."""
+        if self.statistics is None or self.statistics.message_count:
+            raise ReaderError("its index is missing")
+
+
+READERS: dict[str, Any] = {ROS1: Ros1Reader, MCAP: IndexedMcapReader, SQLITE: Sqlite3Reader}
 
 
 def is_bag(path: Path) -> bool:
@@ -99,7 +106,10 @@ def _files(path: Path) -> list[Path]:
     found = [file for file in there if _kind(file) in (MCAP, SQLITE, PACKED)]
     if len({re.sub(r"_\d+$", "", file.name.split(".")[0]) for file in found}) != 1:
         what = ", ".join(file.name for file in found) or "no data file of one"
-        raise InputError(f"{path}: is the folder of no one ROS 2 bag: it holds {what[:120]}; give a file")
+        raise InputError(
+            f"{path}: is the folder of no one ROS 2 bag: it holds {what[:120]}; give a file, or run "
+            f"'ros2 bag reindex {path}' first"
+        )
     return found
 
 
@@ -114,7 +124,7 @@ class Bag:
         self._stack = ExitStack()
         try:
             self._parts = [self._opened(file) for file in _files(path)]
-            spans = [_span(part) for part in self._parts if _span(part)]
+            spans = [_span(part) for part in self._parts if _span(part) != NO_SPAN]
         except Exception as error:  # whatever a library raises of a file that is no bag
             self.close()
             if isinstance(error, InputError):
@@ -122,7 +132,7 @@ class Bag:
             what = "" if isinstance(error, TooLargeError) else "no bag that can be read: "
             raise InputError(f"{path}: {what}{in_words(error)}") from error
         first = self._parts[0]
-        self._is_ros1 = isinstance(first, Ros1Reader) or getattr(first, "is_ros1", False)
+        self._is_ros1 = isinstance(first, Ros1Reader)
         self._unpacked = types_of(1 if self._is_ros1 else 2).unpacked
         self.start_ns = min((span[0] for span in spans), default=0)
         self.end_ns = max((span[1] for span in spans), default=0)
@@ -136,7 +146,7 @@ class Bag:
 
     def _opened(self, path: Path) -> Any:
         """A reader of a file. Raises TooLargeError: a chunk is too large by what the index says of it."""
-        kind = _kind(path) or path.suffix
+        given, kind = path, _kind(path) or path.suffix
         if kind == PACKED:
             folder = self._stack.enter_context(TemporaryDirectory(ignore_cleanup_errors=True))
             unpack_file(path, inner := Path(folder) / path.stem)
@@ -146,16 +156,16 @@ class Bag:
         try:
             reader = READERS[kind](path)
             reader.open()
-            if kind == MCAP and _span(reader) and not reader.chunks:
+            if kind == MCAP and _span(reader) != NO_SPAN and not reader.chunks:
                 reader.close()
-                raise ValueError("rosbags reads messages without an index only in the order of their times")
-        except TooLargeError:
-            raise
-        except Exception:  # a bag that was cut off has lost its index, and no more than its end
-            if kind == SQLITE:
+                raise ReaderError("its index is missing")
+        except Exception as error:  # whatever rosbags raises of a file that is damaged
+            if kind not in MENDED_BY:
                 raise
-            self.remarks.append(f"{path}: its index is missing; its records are read in their order")
-            return Unindexed(path)
+            raise InputError(
+                f"{given}: no bag that can be read: {in_words(error)}; where it was cut off or never closed "
+                f"'{MENDED_BY[kind].format(given)}' makes its index"
+            ) from error
         self._stack.callback(reader.close)
         if kind == ROS1:
             check_size(max((chunk.datasize for chunk in reader.chunks.values()), default=0))
@@ -195,7 +205,7 @@ class Bag:
 def _span(part: Any) -> tuple[int, int]:
     """First record time and the instant after the last one, ns; zeros of a file without messages."""
     if not any(connection.msgcount for connection in part.connections):
-        return 0, 0
+        return NO_SPAN
     times = getattr(part, "metadata", part)
     return int(times.start_time), int(times.end_time)
 
@@ -220,8 +230,8 @@ def check_size(size: int) -> None:
         )
 
 
-def unpacked(kind: str, packed: bytes, size: int = 0, *, is_cut: bool = False) -> bytes:
-    """What bz2, lz4 or zstd packed, in one frame or several; of data that ``is_cut`` what is there.
+def unpacked(kind: str, packed: bytes, size: int = 0) -> bytes:
+    """What bz2, lz4 or zstd packed, in one frame or several.
 
     ``size``: what the bag says of the result, which rosbags compares.
 
@@ -241,8 +251,6 @@ def unpacked(kind: str, packed: bytes, size: int = 0, *, is_cut: bool = False) -
             if not packed:
                 return b"".join(parts)
             unpacker = _UNPACKERS[kind]()
-    if is_cut:
-        return b"".join(parts)
     raise EOFError("a chunk is cut off")
 
 
@@ -267,140 +275,3 @@ def unpack_file(path: Path, into: Path) -> None:
                     raise InputError(f"{path}: unpacks to {most}; 'zstd -d' unpacks it")
     except (EOFError, zstd.ZstdError) as error:
         raise InputError(f"{path}: damaged: {error}; 'zstd -t' tests it, copy it again") from error
-
-
-class Connection(NamedTuple):
-    """A topic and the type of its messages, as rosbags has them."""
-
-    topic: str
-    msgtype: str
-    msgcount: int = 0
-
-
-RawMessage = tuple[Connection, int, bytes]  # its connection, record time in ns, message
-
-
-class Unindexed:
-    """As much of rosbags' readers as is needed here; every pass reads the file from its beginning."""
-
-    def __init__(self, path: Path) -> None:
-        """Look through it. Raises Exception: it is no bag, or no message of it can be read."""
-        self._path = path
-        self.is_ros1 = True
-        """whether its messages are those of ROS 1, as tools that convert bags leave them in MCAP too"""
-        counts = Counter[Connection]()
-        self.start_time, self.end_time = 1 << 63, 0
-        try:
-            for connection, time_ns, _ in self._messages():
-                counts[connection] += 1
-                self.start_time = min(self.start_time, time_ns)
-                self.end_time = max(self.end_time, time_ns + 1)
-        except Exception as error:  # of damage: what came before it counts
-            if not counts or isinstance(error, TooLargeError):
-                raise
-        if not counts:
-            raise ValueError("it holds no message")
-        self.connections = [one._replace(msgcount=count) for one, count in counts.items()]
-
-    def messages(
-        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Iterator[RawMessage]:
-        """The messages of these connections in the file's order, up to an error at the damage."""
-        wanted = {one[:2] for one in connections}
-        for connection, time_ns, raw in self._messages():
-            is_in_time = (start is None or time_ns >= start) and (stop is None or time_ns < stop)
-            if is_in_time and connection[:2] in wanted:
-                yield connection, time_ns, raw
-
-    def _messages(self) -> Iterator[RawMessage]:
-        with self._path.open("rb") as file:
-            begins = file.readline(100)
-            if begins.startswith(ROS1_MAGIC):
-                yield from _of_ros1(file)
-            elif begins.startswith(MCAP_MAGIC[:7]):
-                file.seek(len(MCAP_MAGIC))
-                yield from self._of_mcap(file)
-            else:
-                raise ValueError("it does not begin as such a bag does")
-
-    def _of_mcap(self, file: BinaryIO) -> Iterator[RawMessage]:
-        """Channels in another encoding than the first one's are left out."""
-        types: dict[int, str] = {}
-        known: dict[int, Connection] = {}
-        for kind, record in _mcap_records(file):
-            (number,), said = struct.unpack_from("<H", record), io.BytesIO(record[2:])
-            if kind == MCAP_MESSAGE and number in known:
-                yield known[number], struct.unpack_from("<Q", record, 6)[0], record[22:]
-            elif kind == MCAP_SCHEMA:
-                types[number] = normalize_msgtype(_block(said).decode())
-            elif kind == MCAP_CHANNEL:
-                (schema,) = struct.unpack("<H", _exactly(said, 2))
-                topic, encoding = _block(said).decode(), _block(said)
-                if encoding in (b"cdr", b"ros1") and schema in types:
-                    self.is_ros1 = self.is_ros1 if known else encoding == b"ros1"
-                    if self.is_ros1 == (encoding == b"ros1"):
-                        known[number] = Connection(topic, types[schema])
-
-
-def _mcap_records(file: BinaryIO, in_chunk: bool = False) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each schema, channel and message, those of a chunk in its place."""
-    while (kind := int.from_bytes(file.read(1))) not in (0, MCAP_END):
-        (length,) = struct.unpack("<Q", _exactly(file, 8))
-        if kind == MCAP_CHUNK and not in_chunk:
-            check_size(length)
-            record = file.read(length)
-            (size,), packing = struct.unpack_from("<Q", record, 16), _block(io.BytesIO(record[28:]))
-            check_size(size)
-            whole = record[28 + 4 + len(packing) + 8 :]
-            if packing:  # of a chunk that is cut off a part is good too
-                whole = unpacked(packing.decode(), whole, is_cut=True)
-            yield from _mcap_records(io.BytesIO(whole), in_chunk=True)
-            if len(record) < length:
-                raise EOFError("a chunk is cut off")
-        elif kind in (MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE):
-            yield kind, _exactly(file, length)
-        else:
-            file.seek(min(length, 1 << 48), os.SEEK_CUR)
-
-
-def _of_ros1(file: BinaryIO, known: dict[int, Connection] | None = None) -> Iterator[RawMessage]:
-    """The messages of ROS 1, those of a chunk in its place, where connections are ``known`` from before."""
-    in_chunk, known = known is not None, {} if known is None else known
-    while begins := file.read(4):
-        header = _ros1_header(_exactly(file, int.from_bytes(begins, "little")))
-        kind, length = header.get_uint8("op"), rosbag1.read_uint32(file)
-        if kind == rosbag1.RecordType.CHUNK and not in_chunk:
-            check_size(length)
-            packing, packed = header.get_string("compression"), file.read(length)
-            # of a chunk that is cut off a part is good too
-            whole = packed if packing == "none" else unpacked(packing, packed, is_cut=True)
-            yield from _of_ros1(io.BytesIO(whole), known)
-            if len(packed) < length:
-                raise EOFError("a chunk is cut off")
-        elif kind == rosbag1.RecordType.CONNECTION:
-            topic = rosbag1.normalize(header.get_string("topic"))
-            message_type = _ros1_header(_exactly(file, length)).get_string("type")
-            known[header.get_uint32("conn")] = Connection(topic, normalize_msgtype(message_type))
-        elif kind == rosbag1.RecordType.MSGDATA and in_chunk:
-            number, data = header.get_uint32("conn"), _exactly(file, length)
-            if number in known:
-                yield known[number], header.get_time("time"), data
-        else:
-            file.seek(length, os.SEEK_CUR)
-
-
-def _ros1_header(data: bytes) -> rosbag1.Header:
-    return rosbag1.Header.read(io.BytesIO(len(data).to_bytes(4, "little") + data))
-
-
-def _exactly(file: BinaryIO, size: int) -> bytes:
-    check_size(size)
-    data = file.read(size)
-    if len(data) < size:
-        raise EOFError("a record is cut off")
-    return data
-
-
-def _block(file: BinaryIO) -> bytes:
-    """A length, and as many bytes."""
-    return _exactly(file, int.from_bytes(_exactly(file, 4), "little"))

@@ -22,7 +22,7 @@ NS = 1_000_000_000
 FARTHEST_M = 1e7  # from the origin of a frame: the Earth's quarter, and UTM's northings, are as long
 FINEST_CELL_M, COARSEST_CELL_M, MOST_CELLS = 0.001, 10.0, 25_000_000
 """of a map; as large as one in a file may be"""
-SCAN, POSE, TF, GRID, TEXT, EXACT = "scan", "pose", "tf", "grid", "text", "exact"
+SCAN, POSE, TF, GRID = "scan", "pose", "tf", "grid"
 KINDS = {
     "sensor_msgs/msg/LaserScan": SCAN,
     "nav_msgs/msg/Odometry": POSE,
@@ -32,8 +32,6 @@ KINDS = {
     "tf2_msgs/msg/TFMessage": TF,
     "tf/msg/tfMessage": TF,
     "nav_msgs/msg/OccupancyGrid": GRID,
-    "std_msgs/msg/String": TEXT,
-    "std_msgs/msg/Float64MultiArray": EXACT,
 }
 """message type -> kind of reading; all other types are left out"""
 Meaning = Literal["clears", "nothing"]
@@ -165,23 +163,7 @@ class GridReading(NamedTuple):
         return turned(grid, yaw_rad, f"map: {self.topic}") if abs(yaw_rad) > 1e-6 else grid
 
 
-class TextReading(NamedTuple):
-    """std_msgs/String."""
-
-    topic: str
-    record_ns: int
-    text: str
-
-
-class ExactReading(NamedTuple):
-    """std_msgs/Float64MultiArray beside a scan that ``export`` wrote: the same with 64 bits."""
-
-    topic: str
-    record_ns: int
-    numbers: Floats
-
-
-Reading = ScanReading | PoseReading | GridReading | TextReading | ExactReading
+Reading = ScanReading | PoseReading | GridReading
 
 
 class Topic(NamedTuple):
@@ -232,15 +214,11 @@ def decoded(topic: str, message_type: str, record_ns: int, message: Any) -> Iter
         pose = message.pose if message_type.endswith("/PoseStamped") else message.pose.pose
         child = _plain(getattr(message, "child_frame_id", ""))
         yield PoseReading(*of, *_stamped(message), child, _transform(pose.position, pose.orientation))
-    elif kind == GRID:
+    else:
         info = message.info
         cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
         origin = _transform(info.origin.position, info.origin.orientation)
         yield GridReading(*of, cells, float(info.resolution), origin)
-    elif kind == TEXT:
-        yield TextReading(*of, str(message.data))
-    else:
-        yield ExactReading(*of, np.asarray(message.data, dtype=np.float64))
 
 
 def _transform(at: Any, turn: Any) -> Transform:

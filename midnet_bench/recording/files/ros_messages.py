@@ -115,12 +115,6 @@ def laser_scan(
     return Message("sensor_msgs/msg/LaserScan", fields)
 
 
-def exact_scan(ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry) -> Message:
-    """The same with 64 bits: angle_min, angle_increment, range_min, range_max, then the ranges."""
-    geometry = (lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
-    return Message("std_msgs/msg/Float64MultiArray", {"data": np.concatenate((geometry, ranges_m))})
-
-
 def occupancy_grid(stamp_ns: int, grid: OccupancyGrid) -> Message:
     """nav_msgs/OccupancyGrid of an int8 grid, map frame; row 0 is the lowest y there, too."""
     origin = pose_fields(Pose2D(*grid.origin, 0.0))
@@ -128,11 +122,6 @@ def occupancy_grid(stamp_ns: int, grid: OccupancyGrid) -> Message:
     info = {"resolution": grid.resolution, **size, "origin": origin}
     fields = {"header": header(MAP, stamp_ns), "info": info, "data": grid.data.reshape(-1)}
     return Message("nav_msgs/msg/OccupancyGrid", fields)
-
-
-def text(content: object) -> Message:
-    """std_msgs/String of what JSON can say."""
-    return Message("std_msgs/msg/String", {"data": json.dumps(content)})
 
 
 def markers(stamp_ns: int, marked: Iterable[Marked]) -> Message:

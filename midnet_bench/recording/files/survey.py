@@ -14,12 +14,10 @@ from midnet_bench.recording.files.readings import (
     NS,
     POSE,
     SCAN,
-    TEXT,
     TF,
     PoseReading,
     ScanReading,
     Source,
-    TextReading,
     Topic,
     found_in,
 )
@@ -42,7 +40,6 @@ class Stream:
     topic: Topic
     scans: list[ScanReading] = field(default_factory=list)
     poses: list[PoseReading] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
     period_ns: int = 0  # from one scan to the next, as most of them are; 0 where no two were seen
 
     @property
@@ -74,7 +71,7 @@ class Survey:
     def of_kind(self, kind: str) -> list[Stream]:
         """In the order of their names; those of which nothing was seen are left out."""
         found = (one for one in self.streams.values() if one.topic.kind == kind)
-        return [one for one in found if one.seen or one.texts]
+        return [one for one in found if one.seen]
 
     def parents(self) -> dict[str, str]:
         """Child -> frame, of all of tf."""
@@ -104,12 +101,8 @@ def survey(source: Source, from_ns: int = -EVER_NS, to_ns: int = EVER_NS) -> Sur
     """
     found = Survey(source, {name: Stream(topic) for name, topic in source.topics.items()}, {})
     windows = _windows(source, max(from_ns, source.start_ns), min(to_ns, source.end_ns))
-    wanted = {name for name, topic in source.topics.items() if topic.kind in (SCAN, POSE, TF, TEXT)}
-    large = {
-        name
-        for name in wanted
-        if windows and source.topics[name].kind != TEXT and source.topics[name].messages > MOST_SCANS
-    }
+    wanted = {name for name, topic in source.topics.items() if topic.kind in (SCAN, POSE, TF)}
+    large = {name for name in wanted if windows and source.topics[name].messages > MOST_SCANS}
     _sample(found, wanted - large)
     for start_ns, stop_ns in windows if large else ():
         _sample(found, large, start_ns, stop_ns)
@@ -155,8 +148,6 @@ def _sample(
             stream = survey.streams[reading.topic]
             if isinstance(reading, ScanReading):
                 stream.scans.append(reading)
-            elif isinstance(reading, TextReading):
-                stream.texts.append(reading.text)
             elif isinstance(reading, PoseReading) and stream.topic.kind != TF:
                 stream.poses.append(reading)
             elif isinstance(reading, PoseReading) and reading.transform.is_pose:

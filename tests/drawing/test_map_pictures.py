@@ -1,14 +1,17 @@
-"""How a map grew, as it is kept and drawn."""
+"""A map, and how it grew, as they are kept and drawn."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.growth import (
-    MAP_MARGIN_M,
-    Growth,
+from midnet_bench.drawing.map_pictures import (
+    MARGIN_M,
     MapHistory,
     MapSnapshot,
     draw_map,
+    film_map,
     known_corners,
     paint_map,
     percent,
@@ -23,15 +26,14 @@ from midnet_bench.grid import OccupancyGrid
 ROOM = FloorPlan("room, seed 1", Box(-2.0, -1.5, 2.0, 1.5), [], [])
 
 
-def snapshot(step: int, yaw: float = 0.0, known_columns: int | None = None) -> MapSnapshot:
+def snapshot(step: int) -> MapSnapshot:
     """Two robots drive to the right by 10 cm a step, and the map grows to the right."""
     data = np.full((60, 80), -1, dtype=np.int8)
-    data[:, : known_columns if known_columns is not None else 20 * step] = 0
+    data[:, : 20 * step] = 0
     data[57, :] = 100
-    poses = np.array([[0.1 * step, 0.0, yaw], [0.1 * step, 1.0, 0.0]])
+    believed = np.array([[0.1 * step, 0.05, 0.0], [0.1 * step, 1.05, 0.0]])
     grid = OccupancyGrid(data, 0.05, (-2.0, -1.5))
-    believed = poses + np.array([0.0, 0.05, 0.0])
-    return MapSnapshot(float(step), 0.25 * step, grid, poses, believed, [None, (1.0, 1.0)], [])
+    return MapSnapshot(f"{step} s: {25 * step} % explored", grid, believed, [None, (1.0, 1.0)], [])
 
 
 @pytest.fixture
@@ -43,29 +45,12 @@ def history() -> MapHistory:
 
 
 def test_a_history_gives_back_what_it_took(history: MapHistory) -> None:
-    assert history.clocks == [1.0, 2.0, 3.0, 4.0]
-    for step in range(1, 5):
-        kept, taken = history.at(step), snapshot(step)
+    for step, kept in enumerate(history.snapshots(9), start=1):
+        taken = snapshot(step)
         np.testing.assert_array_equal(kept.grid.data, taken.grid.data)
-        np.testing.assert_array_equal(kept.poses, taken.poses)
-        assert kept.goals == taken.goals
-        assert kept.known == taken.known
-    assert history.known == 1.0
-
-
-def test_between_two_snapshots_robots_go_straight_and_the_map_stays(history: MapHistory) -> None:
-    between = history.at(2.5)
-    np.testing.assert_allclose(between.believed[:, :2], [(0.25, 0.05), (0.25, 1.05)])
-    np.testing.assert_array_equal(between.grid.data, snapshot(2).grid.data)
-    assert [len(path) for path in between.paths] == [3, 3]
-    np.testing.assert_allclose(between.paths[1], [(0.1, 1.05), (0.2, 1.05), (0.25, 1.05)])
-
-
-def test_a_robot_turns_the_short_way_round() -> None:
-    history = MapHistory()
-    for step, yaw in ((1, 3.0), (2, -3.0)):
-        history.take(snapshot(step, yaw))
-    assert np.cos(history.at(1.5).poses[0, 2]) == pytest.approx(-1.0)
+        assert (kept.caption, kept.goals) == (taken.caption, taken.goals)
+        np.testing.assert_allclose(kept.paths[1], [(0.1 * k, 1.05) for k in range(1, step + 1)])
+    assert [one.caption[:3] for one in history.snapshots(2)] == ["1 s", "4 s"]
 
 
 def test_the_view_shows_the_map_in_every_snapshot() -> None:
@@ -73,8 +58,8 @@ def test_the_view_shows_the_map_in_every_snapshot() -> None:
     for origin in ((-5.0, 0.0), (0.0, 0.0), (0.0, 7.0)):
         one = snapshot(1)
         grid = OccupancyGrid(one.grid.data, 0.05, origin)
-        history.take(MapSnapshot(1.0, 0.0, grid, one.poses, one.believed, one.goals, []))
-    assert history.view() == pytest.approx((-5.25, -0.25, 4.25, 10.25))
+        history.take(MapSnapshot("", grid, one.believed, one.goals, []))
+    assert history.view() == pytest.approx((-5.0, 0.0, 4.0, 10.0))
 
 
 def test_a_picture_shows_free_white_walls_dark_and_the_rest_grey() -> None:
@@ -98,27 +83,22 @@ def test_thin_walls_are_seen_where_a_pixel_shows_many_cells() -> None:
     robot = np.array([[0.5, 0.5, 0.0]])
     grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
     picture = np.empty((150, 150, 3), dtype=np.uint8)
-    shown = MapSnapshot(0.0, 1.0, grid, robot, robot, [None], [robot[:, :2]])
+    shown = MapSnapshot("", grid, robot, [None], [robot[:, :2]])
     paint_map(picture, Box(0.0, 0.0, 20.0, 20.0), shown)
     assert np.all(picture[20:100] == 40, axis=2).any(axis=0).sum() >= 10, "one of three cells is shown"
     assert np.all(picture == 255, axis=2).mean() > 0.8
 
 
-def test_six_snapshots_fill_the_page_of_an_exploration(history: MapHistory) -> None:
-    page = Growth(history, "room: explored by 2 Burgers", ROOM).page()
-    tile_px = round(480 * 3.5 / 4.5)
-    assert page.shape == (44 + 2 * (tile_px + 12 + 26), 3 * 492 + 12, 3)
-    tiles = page[70 : 70 + tile_px, 12:492], page[-12 - tile_px : -12, -492:-12]
-    known = [1.0 - np.all(tile == 205, axis=2).mean() for tile in tiles]
-    assert known[0] < 0.3 < 0.5 < known[1]
-
-
-def test_a_log_of_few_snapshots_makes_a_smaller_page(history: MapHistory) -> None:
-    page = Growth(history, "room.log").page()
-    assert page.shape[1] == 3 * 492 + 12
-    assert page.shape[0] < 44 + 2 * (492 + 26), "the tiles are as high as the map needs"
-    blank = page[-300:-12, 12 + 492 :]
-    assert (blank == 255).all(), "four snapshots leave two places empty"
+def test_a_film_shows_the_map_s_picture_as_it_grew(history: MapHistory, tmp_path: Path) -> None:
+    film_map(tmp_path / "map.mp4", history, "room: explored by 2 Burgers")
+    film, pictures = cv2.VideoCapture(str(tmp_path / "map.mp4")), []
+    while (read := film.read())[0]:
+        pictures.append(read[1])
+    assert len(pictures) == 4 + 20, "each snapshot, and two seconds of the last"
+    rows, columns = plot_area(history.view().shrunk(-MARGIN_M), 2)
+    grey = [(np.abs(one[rows, columns].astype(int) - 205).max(axis=2) < 6).mean() for one in pictures]
+    assert grey[0] > grey[1] + 0.1 > grey[2] + 0.2 > grey[3] + 0.3
+    assert grey[3] == pytest.approx(grey[-1], abs=0.01)
 
 
 def test_nothing_is_called_complete_that_is_not() -> None:
@@ -133,7 +113,7 @@ def test_a_map_shows_walls_path_and_truth() -> None:
     path = np.array([(1.0, 1.0), (1.0, 2.0)])
     wall = np.array([(3.5, 0.5), (3.6, 0.5), (3.6, 1.5), (3.5, 1.5)])
     page = draw_map(grid, [path], "a map", [wall])
-    view = Box(0.0, 0.0, 4.0, 3.0).shrunk(-MAP_MARGIN_M)
+    view = Box(0.0, 0.0, 4.0, 3.0).shrunk(-MARGIN_M)
     rows, columns = plot_area(view, 1)
     canvas = Canvas(page[rows, columns], view)
 
