@@ -4,7 +4,6 @@ import ast
 import contextlib
 import random
 import statistics
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,8 +20,9 @@ from midnet_bench.agents.patrol import TeamPatrol
 from midnet_bench.agents.pursuit import TargetState, TeamPursuit
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
+from midnet_bench.campaign.child import attempt
 from midnet_bench.campaign.definition import parse_campaign, resolve
-from midnet_bench.campaign.pool import LokyPool, WorkersLost, attempt
+from midnet_bench.campaign.pool import LocalPool
 from midnet_bench.detectors.detector_node import detected, fused
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.elementary import directions
@@ -155,7 +155,7 @@ def check(thing: str) -> Checked:
     except PluginError as error:
         faults = [str(error)]
     run_trials, spec = _trial(plugin, name)
-    if not faults and attempt(run_trials, [spec], LIMIT_S)[0].payload != elsewhere:
+    if not faults and attempt(run_trials, [spec])[0].payload != elsewhere:
         faults = [
             seam.line_of(name)
             + "another process gets other results from the same trial: does it depend on the "
@@ -213,15 +213,8 @@ def _trial(plugin: Plugin, name: str) -> tuple[Any, Any]:
 def _in_another_process(plugin: Plugin, name: str) -> tuple[bytes | None, list[str]]:
     """The tables of a short trial there, and its faults."""
     run_trials, spec = _trial(plugin, name)
-    with tempfile.TemporaryDirectory() as folder:
-        pool = LokyPool(1, Path(folder) / "marks")
-        try:
-            with contextlib.closing(pool.outcomes(run_trials, iter([[spec]]), LIMIT_S, True)) as outcomes:
-                (outcome,) = outcomes
-        except WorkersLost as lost:
-            return None, [f"it takes its process along: {lost}"]
-        finally:
-            pool.close()
+    with contextlib.closing(LocalPool(1).outcomes(run_trials, iter([[spec]]), LIMIT_S)) as outcomes:
+        (outcome,) = outcomes
     if outcome.failure is None:
         return outcome.payload, []
     return None, [outcome.failure.splitlines()[-1].split("PluginError: ", 1)[-1]]
