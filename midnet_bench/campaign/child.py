@@ -2,6 +2,7 @@
 
 import contextlib
 import faulthandler
+import functools
 import os
 import pickle
 import queue
@@ -21,19 +22,24 @@ IDLE_S = 300.0
 """after so long without a trial a child ends; the next campaign of its parent finds it before that"""
 
 
-def attempt(
+def attempt(run_trials: RunTrials, specs: Sequence[TrialSpec]) -> list[Outcome]:
+    """The outcomes of trials of one seed, in this process; those that cannot be run together, one by one."""
+    outcomes = attempt_together(run_trials, specs)
+    return outcomes or [outcome for spec in specs for outcome in attempt(run_trials, [spec])]
+
+
+def attempt_together(
     run_trials: RunTrials,
     specs: Sequence[TrialSpec],
     limit_s: float | None = None,
     stack_file: IO[bytes] | None = None,
-) -> list[Outcome]:
-    """The outcomes of trials that share a simulation; no exception leaves it but Ctrl-C's.
+) -> list[Outcome] | None:
+    """The outcomes of trials that share a simulation; None if several cannot be run together.
 
-    Each gets an equal part of the wall time. Where they cannot be run together, each is run alone. What runs
-    on after ``limit_s`` ends this process, and its stack is in ``stack_file``: Python or native code alike.
+    Each gets an equal part of the wall time. No exception leaves it but Ctrl-C's. What runs on after
+    ``limit_s`` ends this process, and its stack is in ``stack_file``: Python or native code alike.
     """
     start_s = time.perf_counter()
-    results: list[dict[str, Any]] | None = None
     try:
         if limit_s is not None:
             faulthandler.dump_traceback_later(limit_s, exit=True, file=stack_file or sys.stderr)
@@ -41,12 +47,12 @@ def attempt(
     except KeyboardInterrupt:  # a child never hears it: this is the campaign's own process
         raise
     except BaseException:
-        results = [{"failure": traceback.format_exc().strip()}] if len(specs) == 1 else None
+        if len(specs) > 1:
+            return None
+        results = [{"failure": traceback.format_exc().strip()}]
     finally:
         if limit_s is not None:
             faulthandler.cancel_dump_traceback_later()
-    if results is None:
-        return [outcome for spec in specs for outcome in attempt(run_trials, [spec], limit_s, stack_file)]
     wall_s = (time.perf_counter() - start_s) / len(specs)
     return [Outcome(spec.trial_id, wall_s, **packed) for spec, packed in zip(specs, results, strict=True)]
 
@@ -64,8 +70,9 @@ def _packed(result: TrialResult | Exception) -> dict[str, Any]:
 def serve() -> None:
     """Runs the trials that come through standard input until that is closed, as it is when the parent ends.
 
-    The first reply, None, says that the child is ready. Each later one is what came of a group, and whether
-    the parent should take another child for the next; a limit or a crash leaves the stack in its place.
+    The first reply, None, says that the child is ready. Each later one is what came of a group, None if its
+    trials cannot be run together, and whether the parent should take another child for the next; a limit or a
+    crash leaves the stack in its place.
     """
     requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -82,11 +89,18 @@ def serve() -> None:
     with contextlib.suppress(queue.Empty):
         while True:
             run_trials, specs, limit_s = received.get(timeout=IDLE_S)
-            outcomes = attempt(pickle.loads(run_trials), specs, limit_s, replies)
+            run = functools.partial(_run_pickled, run_trials)
+            outcomes = attempt_together(run, specs, limit_s, replies)
             compiled.collect_garbage_of_trial()
             first_bytes = first_bytes or _resident_bytes()
             _send((outcomes, _resident_bytes() - first_bytes > MOST_GROWTH_BYTES), replies)
     os._exit(0)
+
+
+def _run_pickled(run_trials: bytes, specs: Sequence[TrialSpec]) -> Sequence[TrialResult | Exception]:
+    """Unpickled where the trials run: if that fails, it is why they failed."""
+    function: RunTrials = pickle.loads(run_trials)
+    return function(specs)
 
 
 def _receive(requests: IO[bytes], received: "queue.SimpleQueue[Any]") -> None:

@@ -207,8 +207,11 @@ class Child:
         is_alive = self._has_replied and not self._is_killed and self.process.poll() is None
         return is_alive and not self._has_grown
 
-    def run(self, run_trials: bytes, specs: Group, limit_s: float) -> list[Outcome]:
-        """The outcomes of a group; ``run_trials`` is pickled. Raises ChildDied."""
+    def run(self, run_trials: bytes, specs: Group, limit_s: float) -> list[Outcome] | None:
+        """The outcomes of a group, None if its trials cannot be run together. Raises ChildDied.
+
+        ``run_trials`` is pickled.
+        """
         request = pickle.dumps((run_trials, list(specs), limit_s))
         outcomes, self._has_grown = self._reply_to(request, limit_s + STALLED_S)
         return outcomes
@@ -278,8 +281,9 @@ class Children:
     def run(self, run_trials: bytes, specs: Group, limit_s: float) -> list[Outcome]:
         """The outcomes of trials that share a simulation; ``run_trials`` is pickled.
 
-        A child that dies costs its own trials and no other: those of a group are run again, each alone, and
-        a trial alone is run a second time, for a child may have been killed, or lacked memory.
+        Where they cannot be run together, or not within the limit, each is run alone. A child that dies costs
+        its own trials and no other: those of a group are run again, each alone, and a trial alone is run a
+        second time, for a child may have been killed, or lacked memory.
 
         Raises:
             Cancelled: :meth:`cancel` was called.
@@ -289,12 +293,15 @@ class Children:
         for is_last in (False, True):
             try:
                 with self._child() as child:
-                    return child.run(run_trials, specs, limit_s)
+                    outcomes = child.run(run_trials, specs, limit_s)
             except ChildDied as death:
                 stack = str(death)
-            is_over_limit = stack.startswith("Timeout")  # faulthandler's word
-            if not is_over_limit and not is_last:
-                self._note(f"a worker died; what it ran is repeated, one at a time ({len(specs)})")
+                is_over_limit = stack.startswith("Timeout")  # faulthandler's word
+                if not is_over_limit and not is_last:
+                    self._note(f"a worker died; what it ran is repeated, one at a time ({len(specs)})")
+            else:
+                if outcomes is not None:
+                    return outcomes
             if len(specs) > 1:
                 return [outcome for spec in specs for outcome in self.run(run_trials, [spec], limit_s)]
             if is_over_limit:

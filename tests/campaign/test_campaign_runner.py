@@ -5,6 +5,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from midnet_bench.campaign.runner import (
     run_campaign,
 )
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_store
-from midnet_bench.campaign.trial import Outcome, TrialSpec, decode_tables
+from midnet_bench.campaign.trial import Outcome, TrialResult, TrialSpec, decode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
@@ -320,6 +321,22 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match=wanted):
         run(tmp_path, {"backend": "dask", "scheduler": "tcp://127.0.0.1:8786"})
     assert not (tmp_path / "campaign.sqlite").exists()
+
+
+class Unloadable:
+    """What can be sent to a worker and not be read there."""
+
+    def __call__(self, specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:
+        raise NotImplementedError
+
+    def __reduce__(self) -> object:
+        return int, ("three",)
+
+
+def test_what_a_worker_cannot_read_is_why_the_trial_fails() -> None:
+    groups = iter([[TrialSpec("coins", {}, 1)]])
+    (outcome,) = LocalPool(1).outcomes(Unloadable(), groups, 60.0)
+    assert str(outcome.failure).endswith("ValueError: invalid literal for int() with base 10: 'three'")
 
 
 def test_what_a_trial_leaves_in_a_cycle_is_freed_before_the_next() -> None:
