@@ -2,7 +2,7 @@
 
 A store of the packaged labyrinth campaign is made of so many trials. Each has the columns of a real trial,
 which ran for a second, and numbers of its own. Then ``report`` reads it, and the campaign's own command goes
-on with one more trial for each cell until the first of them begins, which is where it is stopped.
+on with one more trial for each cell until the first worker starts, which is where it is stopped.
 """
 
 import itertools
@@ -19,13 +19,13 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from midnet_bench.campaign.definition import ResolvedCampaign, load_campaign, override, resolve
-from midnet_bench.campaign.pool import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import FILE_NAME, open_or_create
-from midnet_bench.campaign.trial import Outcome, Row, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Outcome, Row, TrialResult, TrialSpec, encode_tables
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.workflows.campaigns import packaged_campaigns
+from tests.campaign.campaign_process import children_of
 
 AT_ONCE = 1000  # trials that are committed together
 CELLS = 25  # of the packaged campaign
@@ -125,13 +125,13 @@ def cost_of(*arguments: str) -> tuple[float, float]:
 
 
 def resume_s(directory: Path, per_cell: int) -> float:
-    """Seconds from the start of the campaign's command to the beginning of its first trial."""
+    """Seconds from the start of the campaign's command to that of its first worker."""
     command = [sys.executable, "-m", "midnet_bench", "labyrinth", "--trials", str(per_cell)]
     start_s = time.perf_counter()
     with subprocess.Popen(
         [*command, "-q", "-o", str(directory)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as process:
-        while not any(directory.glob(".running/*")) and process.poll() is None:
+        while not children_of(process.pid) and process.poll() is None:
             time.sleep(0.02)
         took_s = time.perf_counter() - start_s
         process.send_signal(signal.SIGINT)

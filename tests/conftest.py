@@ -60,10 +60,10 @@ def full_disk(small_disk: Path) -> Path:
 @pytest.fixture
 def trials_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Campaigns start no workers: their trials run one by one in this process."""
-    from midnet_bench.campaign.pool import LokyPool
+    from midnet_bench.campaign.pool import LocalPool
     from tests.cli.command import without_workers
 
-    monkeypatch.setattr(LokyPool, "outcomes", without_workers)
+    monkeypatch.setattr(LocalPool, "outcomes", without_workers)
 
 
 def campaign_folder(directory: Path, **campaign: Any) -> Path:

@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import IO
 
 from midnet_bench.campaign.store import FILE_NAME
-from tests.campaign.campaign_process import environment
+from tests.campaign.campaign_process import children_of, environment
 
 CAMPAIGN = """
 experiment: labyrinth
@@ -198,16 +198,8 @@ def scenes_of_commands(alone: Path) -> Iterator[Scene]:
 
 
 def runs(at: Path, pid: int) -> bool:
-    """Whether a worker of this process runs a trial; marks of killed ones may be there too."""
-    marks = at.glob(".running/*")
-    return any(parent_of(int(mark.suffix[1:])) == pid for mark in marks)
-
-
-def parent_of(pid: int) -> int | None:
-    """The parent's process id; None if there is no such process."""
-    with contextlib.suppress(OSError):
-        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
-    return None
+    """Whether this process has a worker, which begins its first trial at once."""
+    return bool(children_of(pid))
 
 
 def writes(at: Path, pid: int) -> bool:
@@ -248,7 +240,7 @@ def strike(
                 if phase is None:
                     break
                 number, target = waiting.popleft()
-                workers = workers_of(process) if target == WORKER else []
+                workers = children_of(process.pid) if target == WORKER else []
                 if not workers and target == WORKER:
                     target = PARENT
                 with contextlib.suppress(ProcessLookupError):  # it has just ended
@@ -347,15 +339,6 @@ def said_in(file: IO[bytes]) -> str:
 def loops_in(cache: Path) -> int:
     """How many compiled loops are kept there."""
     return sum(1 for _ in cache.rglob("*.nbc"))
-
-
-def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
-    """Process ids of the workers that have begun a trial, and of those that are about to."""
-    with contextlib.suppress(OSError):  # it has just ended
-        children = Path(f"/proc/{process.pid}/task").glob("*/children")
-        pids = [int(pid) for task in children for pid in task.read_text().split()]
-        return [pid for pid in pids if b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    return []
 
 
 def is_there(group: int) -> bool:

@@ -6,13 +6,14 @@ import itertools
 import logging
 import math
 import queue
-import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from importlib import metadata
 from typing import Any
 
-from midnet_bench.campaign.pool import Group, WorkersLost, attempt, uninterrupted
+import cloudpickle
+
+from midnet_bench.campaign.pool import Group, Item, from_thread, in_thread, run_in_child
 from midnet_bench.campaign.trial import Outcome, RunTrials
 from midnet_bench.errors import InputError, MidnetBenchError
 
@@ -23,6 +24,7 @@ except ImportError as error:
 
 CONNECT_TIMEOUT_S = 5
 POLL_S = 0.5  # between two looks at the workers of the cluster
+LOST = "the workers of the cluster that ran it ended, one after the other: they lacked memory or time"
 TELL_AFTER_S = 2.0  # without any worker; one that died is started again in less
 _LOGGERS = [
     logging.getLogger(name) for name in ("distributed.client", "distributed.batched", "tornado.application")
@@ -46,6 +48,9 @@ class DaskPool:
         self._note = note
         self._absent_since_s: float | None = None
         self._held = contextlib.ExitStack()
+        in_thread(lambda: self._connect(scheduler, workers))
+
+    def _connect(self, scheduler: str | None, workers: int) -> None:
         with contextlib.ExitStack() as held:
             if scheduler is None:
                 cluster: Any = distributed.LocalCluster(  # type: ignore[no-untyped-call]
@@ -93,67 +98,42 @@ class DaskPool:
     @property
     def workers(self) -> int:
         """See :class:`Pool`."""
+        return in_thread(self._cores)
+
+    def _cores(self) -> int:
         cores: Mapping[str, int] = self._client.ncores()  # type: ignore[no-untyped-call]
         return sum(cores.values())
 
     def outcomes(
-        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
+        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float
     ) -> Generator[Outcome, None, None]:
-        """See :meth:`Pool.outcomes`. Dask tries a group on several workers before it gives it up.
-
-        A thread talks to Dask. Python raises KeyboardInterrupt in the main thread alone: there it could get
-        lost in a destructor of Dask's, or come out of a lock as another error.
-        """
+        """See :meth:`Pool.outcomes`. Dask tries a group on several workers before it gives it up."""
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        said: queue.SimpleQueue[list[Outcome] | str | Exception | None] = queue.SimpleQueue()
-
-        def talk() -> None:
-            try:
-                for one in self._talk(run_trials, groups, limit_s, one_at_a_time, finished):
-                    said.put(one)
-                said.put(None)
-            except Exception as error:
-                said.put(error)
-
-        thread = threading.Thread(target=talk, daemon=True)
-        try:
-            with uninterrupted():
-                thread.start()
-            while (one := said.get()) is not None:
-                if isinstance(one, Exception):
-                    raise one
-                if isinstance(one, str):
-                    self._note(one)
-                else:
-                    yield from one
-        finally:
-            finished.put(None)
-            thread.join(CONNECT_TIMEOUT_S)  # no longer: a cluster that is lost may never answer
+        return from_thread(
+            lambda: self._talk(cloudpickle.dumps(run_trials), groups, limit_s, finished),
+            queue.SimpleQueue(),
+            lambda: finished.put(None),
+            self._note,
+        )
 
     def _talk(
-        self,
-        run_trials: RunTrials,
-        groups: Iterator[Group],
-        limit_s: float,
-        one_at_a_time: bool,
-        finished: "queue.SimpleQueue[Any]",
-    ) -> Iterator[list[Outcome] | str]:
+        self, run_trials: bytes, groups: Iterator[Group], limit_s: float, finished: "queue.SimpleQueue[Any]"
+    ) -> Iterator[Item]:
         """The outcomes of groups, and notes. ``finished`` gets futures that are done, and None to stop."""
-        in_flight: dict[Any, str] = {}
-        given_up: dict[str, str] = {}
+        in_flight: dict[Any, Group] = {}
         try:
-            if not self.workers:
-                while not self.workers:
+            if not self._cores():
+                while not self._cores():
                     yield from self._absence()
                     with contextlib.suppress(queue.Empty):
                         finished.get(timeout=POLL_S)
                         return
                 self._check_versions()
             while True:
-                most = 1 if one_at_a_time else 2 * max(1, self.workers)
+                most = 2 * max(1, self._cores())
                 for group in itertools.islice(groups, max(0, most - len(in_flight))):
-                    future = self._client.submit(attempt, run_trials, group, limit_s, pure=False)
-                    in_flight[future] = group[0].trial_id
+                    future = self._client.submit(run_in_child, run_trials, group, limit_s, pure=False)
+                    in_flight[future] = group
                     future.add_done_callback(finished.put)  # type: ignore[no-untyped-call]
                 if not in_flight:
                     break
@@ -170,8 +150,12 @@ class DaskPool:
                     finished.put(future)
                     yield from self._absence()
                     continue
-                except distributed.KilledWorker:
-                    given_up[in_flight.pop(future)] = ""
+                except distributed.KilledWorker:  # not by a trial, which has a process of its own
+                    group = in_flight.pop(future)
+                    if len(group) > 1:
+                        groups = itertools.chain([[spec] for spec in group], groups)
+                    else:
+                        yield [Outcome(group[0].trial_id, 0.0, failure=LOST)]
                     continue
                 del in_flight[future]
                 self._absent_since_s = None
@@ -186,12 +170,10 @@ class DaskPool:
         finally:
             with contextlib.suppress(Exception):  # of a cluster that is lost
                 self._client.cancel(list(in_flight))  # type: ignore[no-untyped-call]
-        if given_up:
-            raise WorkersLost("workers of the cluster died", given_up)
 
     def _absence(self) -> Iterator[str]:
         """A note, once each time that the last worker has gone for some seconds."""
-        if self.workers:
+        if self._cores():
             self._absent_since_s = None
         elif self._absent_since_s is None:
             self._absent_since_s = time.monotonic()
@@ -204,7 +186,7 @@ class DaskPool:
 
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""
-        self._held.close()
+        in_thread(self._held.close)
 
 
 async def _identity(address: str) -> dict[str, str]:

@@ -15,22 +15,13 @@ import joblib
 
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign.definition import ResolvedCampaign
-from midnet_bench.campaign.pool import (
-    HARD_LIMIT_S,
-    Group,
-    LokyPool,
-    Pool,
-    WorkersLost,
-    interruptible,
-    uninterrupted,
-)
+from midnet_bench.campaign.pool import Group, LocalPool, Pool, interruptible, uninterrupted
 from midnet_bench.campaign.provenance import Provenance, collect, remember, versions_note
 from midnet_bench.campaign.store import Inventory, Store
-from midnet_bench.campaign.trial import Cell, Outcome, RunTrials, TrialSpec
+from midnet_bench.campaign.trial import Cell, Outcome, TrialSpec
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 
 BACKENDS = ("loky", "dask")
-MAX_LOSSES_IN_VAIN = 3  # workers that die one after another before any of them has begun a trial
 RULE_OF_THUMB_BYTES = 20_000.0
 FEW_TRIALS = 10
 """for a worker, each with those that share its simulation: no more are begun by their length alone"""
@@ -147,7 +138,7 @@ def run_campaign(
     directory = Path(directory)
     path = directory / stores.FILE_NAME
     with (
-        contextlib.closing(_pool(backend, jobs, scheduler, directory, progress)) as pool,
+        contextlib.closing(_pool(backend, jobs, scheduler, progress)) as pool,
         stores.only_writer(directory),
     ):
         if fresh and (aside := stores.back_up(path)):
@@ -189,12 +180,12 @@ def _check_options(backend: str, jobs: int | None, scheduler: str | None) -> Non
         raise InputError(f"--jobs {jobs}: give 1 or more")
 
 
-def _pool(backend: str, jobs: int | None, scheduler: str | None, directory: Path, progress: Progress) -> Pool:
+def _pool(backend: str, jobs: int | None, scheduler: str | None, progress: Progress) -> Pool:
     """The pool that the options ask for; says what is wrong with them before anything is touched."""
     _check_options(backend, jobs, scheduler)
     workers = joblib.cpu_count() if jobs is None else jobs
     if backend == "loky":
-        return LokyPool(workers, directory / ".running", progress.note)
+        return LocalPool(workers, progress.note)
     from midnet_bench.campaign.dask_pool import DaskPool
 
     return DaskPool(scheduler, progress.note, workers)
@@ -252,18 +243,23 @@ def _add_trials(
 ) -> None:
     """Runs the ``count`` missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
     run_id = store.begin_run(_provenance(campaign))
+    specs: dict[str, TrialSpec] = {}  # of trials that were handed to the workers and have no outcome
 
-    def keep(spec: TrialSpec, outcome: Outcome) -> None:
-        with uninterrupted():
-            store.record(run_id, spec, outcome)
-        progress.advance(outcome)
+    def begun() -> Iterator[Group]:
+        for group in missing:
+            specs.update((spec.trial_id, spec) for spec in group)
+            yield group
 
     try:
         with interruptible():
             prepare()
             progress.begin(campaign.total, campaign.total - count)
             limit_s = campaign.campaign.trial_timeout_s
-            _run(pool, campaign.run_trials, count, missing, limit_s, keep, progress.note)
+            with contextlib.closing(pool.outcomes(campaign.run_trials, begun(), limit_s)) as outcomes:
+                for outcome in outcomes:
+                    with uninterrupted():
+                        store.record(run_id, specs.pop(outcome.trial_id), outcome)
+                    progress.advance(outcome)
     except KeyboardInterrupt as interrupt:
         store.refuse_if_gone()
         raise Interrupted(
@@ -274,71 +270,6 @@ def _add_trials(
     finally:
         progress.end()
     store.end_run(run_id)
-
-
-def _run(
-    pool: Pool,
-    run_trials: RunTrials,
-    count: int,
-    missing: Iterator[Group],
-    limit_s: float,
-    keep: Callable[[TrialSpec, Outcome], None],
-    note: Callable[[str], None],
-) -> None:
-    """Hands every trial's outcome to ``keep``, whatever happens to the workers.
-
-    A worker that dies does not tell which trial did it. So those that were running, and those that shared
-    a simulation with them, are repeated one at a time, and the one with which a worker dies again has failed.
-    """
-    begun: dict[str, tuple[TrialSpec, Group]] = {}
-    """trials that were handed to the workers and have no outcome, with their groups"""
-    suspects: dict[str, TrialSpec] = {}
-    losses_in_vain = 0
-
-    def taken(groups: Iterator[Group]) -> Iterator[Group]:
-        for group in groups:
-            begun.update((spec.trial_id, (spec, group)) for spec in group)
-            yield group
-
-    def finish(outcome: Outcome) -> None:
-        nonlocal count
-        spec, _ = begun.pop(outcome.trial_id)
-        suspects.pop(outcome.trial_id, None)
-        keep(spec, outcome)
-        count -= 1
-
-    while count:
-        alone = bool(suspects)
-        if alone:
-            groups = taken(iter([[spec] for spec in suspects.values()]))
-        else:  # first those that were handed out in vain
-            left = {id(group): group for _, group in begun.values()}.values()
-            in_vain = [[spec for spec in group if spec.trial_id in begun] for group in left]
-            groups = itertools.chain(in_vain, taken(missing))
-        try:
-            with contextlib.closing(pool.outcomes(run_trials, groups, limit_s, alone)) as outcomes:
-                for outcome in outcomes:
-                    finish(outcome)
-                    losses_in_vain = 0
-            if suspects or (count and not alone):
-                raise WorkersLost("the workers stopped", {})
-        except WorkersLost as lost:
-            in_flight = {trial_id: stack for trial_id, stack in lost.in_flight.items() if trial_id in begun}
-            losses_in_vain = 0 if in_flight else losses_in_vain + 1
-            if losses_in_vain == MAX_LOSSES_IN_VAIN:
-                raise MidnetBenchError(f"workers die before they begin a trial: {lost}") from lost
-            for trial_id, stack in in_flight.items():
-                together = [one for one in begun[trial_id][1] if one.trial_id in begun]
-                if len(together) > 1 or not (alone or stack.startswith("Timeout")):
-                    suspects |= {one.trial_id: one for one in together}
-                elif stack.startswith("Timeout"):
-                    what = f"still in native code {HARD_LIMIT_S:g} s after its limit of {limit_s:g} s"
-                    finish(Outcome(trial_id, limit_s + HARD_LIMIT_S, failure=f"{stack}\n{what}"))
-                else:
-                    what = "its worker died twice: it crashed, or lacked memory or, on a cluster, time"
-                    finish(Outcome(trial_id, 0.0, failure=f"{stack}\n{what}".strip()))
-            if suspects and not alone:
-                note(f"a worker died; what was running is repeated, one at a time ({len(suspects)})")
 
 
 def _provenance(campaign: ResolvedCampaign) -> Provenance:

@@ -54,7 +54,7 @@ def main() -> None:
     """
     messages.set_up()
     compiled.collect_garbage_rarely()
-    # on a machine where no worker can be started; a command that needs one says so itself
+    # where it cannot use /dev/shm; a command that runs trials says so itself
     warnings.filterwarnings("ignore", ".*joblib will operate in serial mode", UserWarning)
     keeps_traceback = os.environ.get("MIDNET_BENCH_DEBUG")
     try:

@@ -8,7 +8,6 @@ import ast
 import contextlib
 import random
 import statistics
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,8 +24,9 @@ from midnet_bench.agents.patrol import TeamPatrol
 from midnet_bench.agents.pursuit import TargetState, TeamPursuit
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
+from midnet_bench.campaign.child import attempt
 from midnet_bench.campaign.definition import parse_campaign, resolve
-from midnet_bench.campaign.pool import LokyPool, WorkersLost, attempt
+from midnet_bench.campaign.pool import LocalPool
 from midnet_bench.detectors.detector_node import detected, fused
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.elementary import directions
@@ -367,15 +367,8 @@ def _engine_ms(name: str) -> float:
 def _runs_elsewhere(case: Checked) -> list[str]:
     """A short trial in another process, where it may hang, fail or end the process."""
     run_trials, spec = case.trial()
-    with tempfile.TemporaryDirectory() as folder:
-        pool = LokyPool(1, Path(folder) / "marks")
-        try:
-            with contextlib.closing(pool.outcomes(run_trials, iter([[spec]]), LIMIT_S, True)) as outcomes:
-                (outcome,) = outcomes
-        except WorkersLost as lost:
-            return [f"it takes its process along: {lost}"]
-        finally:
-            pool.close()
+    with contextlib.closing(LocalPool(1).outcomes(run_trials, iter([[spec]]), LIMIT_S)) as outcomes:
+        (outcome,) = outcomes
     case.elsewhere = outcome.payload
     if outcome.failure is None:
         return []
@@ -384,7 +377,7 @@ def _runs_elsewhere(case: Checked) -> list[str]:
 
 def _runs_here_alike(case: Checked) -> Faults:
     run_trials, spec = case.trial()
-    if attempt(run_trials, [spec], LIMIT_S)[0].payload != case.elsewhere:
+    if attempt(run_trials, [spec])[0].payload != case.elsewhere:
         yield (
             "another process gets other results from the same trial: does it depend on the "
             "order of a set, an id, the clock or the environment?"

@@ -1,5 +1,6 @@
 """Campaigns of coins in processes of their own, for tests that interrupt and kill them; what they stored."""
 
+import contextlib
 import json
 import os
 import signal
@@ -7,8 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from midnet_bench.campaign.child import attempt
 from midnet_bench.campaign.definition import ResolvedCampaign
-from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.store import export_csv, open_store
 
 HERE = Path(__file__).parent
@@ -70,5 +73,19 @@ def payloads(directory: Path) -> dict[str, bytes | None]:
 
 def alone(campaign: ResolvedCampaign) -> dict[str, bytes | None]:
     """The same of trials that run one by one in this process, and share nothing."""
-    outcomes = (attempt(campaign.run_trials, [spec], 60.0)[0] for spec in campaign.trials())
+    outcomes = (attempt(campaign.run_trials, [spec])[0] for spec in campaign.trials())
     return {outcome.trial_id: outcome.payload for outcome in outcomes}
+
+
+def children_of(pid: int) -> list[int]:
+    """The worker processes of a campaign's process; each belongs to the thread that started it."""
+    tasks = Path(f"/proc/{pid}/task")
+    if not tasks.exists():
+        pytest.skip("needs Linux's /proc to find the workers")
+    found = []
+    for children in tasks.glob("*/children"):
+        with contextlib.suppress(OSError):  # a thread, or a child, that has just ended
+            for child in children.read_text().split():
+                if "campaign.child" in Path(f"/proc/{child}/cmdline").read_text():
+                    found.append(int(child))
+    return found

@@ -1,18 +1,35 @@
 """One trial of tossing coins. It imports little, because many workers of these tests begin with it."""
 
 import ctypes
+import gc
 import os
 import time
+import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
 
-from midnet_bench.campaign import pool
 from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 
 HOARD: list[bytes] = []  # what a worker never gives back
+RINGS: "list[weakref.ref[Ring]]" = []
+
+
+class Ring:
+    """What refers to itself, as objects of a user's detector may."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+
+def leave_rings(specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:
+    """Each trial leaves one, and counts those that earlier ones left."""
+    gc.disable()
+    left = sum(ring() is not None for ring in RINGS)
+    RINGS.append(weakref.ref(Ring()))
+    return [TrialResult({"trial": [{"left": left}]}, 0.0)]
 
 
 def run_trials(specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:
@@ -55,8 +72,18 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
         os.kill(os.getpid(), 9)  # as the kernel does when memory runs out
     elif kind == "grow":
         HOARD.append(b"\1" * 400_000_000)  # written to, or it takes no memory
+    elif kind == "desert":
+        if os.fork() == 0:
+            time.sleep(600.0)
+        os.kill(os.getpid(), 9)
     elif kind == "die":
         os.kill(os.getpid(), 9)
+    elif kind == "orphan":  # on a cluster its parent is the worker
+        os.kill(os.getppid(), 9)
+        time.sleep(60.0)
+    elif kind == "print":
+        print("heads or tails?")
+        os.system("echo tails")  # past Python's sys.stdout
     elif kind == "segfault":
         ctypes.string_at(0)
     elif kind == "raise":
@@ -75,12 +102,6 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
             time.sleep(0.01)
     elif kind == "native":
         sum(range(10**13))  # Python looks at no signal inside
-
-
-def prepare_impatient_worker(parent_pid: int) -> None:
-    """As the pool does; native code that goes on after the time limit is not waited for long."""
-    pool.HARD_LIMIT_S = 0.1
-    pool.prepare_worker(parent_pid)
 
 
 def threads() -> Row:

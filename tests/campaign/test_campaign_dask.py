@@ -101,9 +101,7 @@ def one_worker(folder: Path, path: Path | None = None) -> contextlib.AbstractCon
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a scheduler with one worker, which is started again when it dies."""
     folder = tmp_path_factory.mktemp("cluster")
-    impatient = "from midnet_bench.campaign import pool\npool.HARD_LIMIT_S = 0.3\n"
-    (folder / "impatient.py").write_text(impatient)
-    one = ("--nthreads", "1", "--nworkers", "1", "--preload", "impatient.py")
+    one = ("--nthreads", "1", "--nworkers", "1")
     with (
         scheduler_in(folder) as address,
         process_of(serve("distributed.cli.dask_worker", *HERE, *one, folder=folder)),
@@ -209,16 +207,24 @@ def test_a_trial_that_raises_fails_alone(tmp_path: Path, scheduler: str) -> None
 
 
 @pytest.mark.slow
-def test_a_trial_that_its_workers_die_of_fails_alone(tmp_path: Path, scheduler: str) -> None:
-    """One that is over its time limit takes its worker along: Dask runs it outside the main thread."""
-    last_line = failure_of_the_second_trial(tmp_path, scheduler, "wait")
-    assert "its worker died twice" in last_line
+@pytest.mark.parametrize(
+    ("trouble", "reason"),
+    [
+        ("native", "still running after its limit of 1 s of wall time"),
+        ("die", "its worker died twice"),
+        ("orphan", "the workers of the cluster that ran it ended"),
+    ],
+)
+def test_a_trial_that_ends_its_process_or_the_worker_fails_alone(
+    tmp_path: Path, scheduler: str, trouble: str, reason: str
+) -> None:
+    assert reason in failure_of_the_second_trial(tmp_path, scheduler, trouble)
 
 
 def failure_of_the_second_trial(directory: Path, scheduler: str, trouble: str) -> str:
     """The last line of its traceback; the other three trials have finished."""
     parameters = {"trouble": trouble, "trouble_seed": 2, "trouble_file": "nowhere"}
-    run(directory, scheduler, grid={"coins": [1]}, trials=4, trial_timeout_s=0.2, parameters=parameters)
+    run(directory, scheduler, grid={"coins": [1]}, trials=4, trial_timeout_s=1.0, parameters=parameters)
     with open_store(directory / "campaign.sqlite") as store:
         stored = {trial.seed: trial.traceback for trial in store.trials()}
     assert {seed: stored[seed] for seed in (1, 3, 4)} == {1: None, 3: None, 4: None}

@@ -7,15 +7,11 @@ import re
 import shutil
 import sqlite3
 import struct
-import subprocess
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign import pool as pools
 from midnet_bench.campaign import store as database
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.store import open_or_create, open_store
@@ -137,42 +133,6 @@ def test_a_file_system_without_locks_is_called_so(tmp_path: Path, monkeypatch: p
         monkeypatch.setattr("fcntl.lockf", refuse)
         with pytest.raises(InputError, match="No locks available"), database.only_writer(tmp_path):
             pass
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("owner", ["bystander", "everybody", "nobody"])
-def test_a_file_among_the_marks_of_running_trials_names_no_process(
-    owner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pools, "STALLED_S", -1.5)
-    monkeypatch.setattr(pools, "LOOK_S", 0.1)
-    bystander = subprocess.Popen(["sleep", "60"])
-    suffix = {"bystander": str(bystander.pid), "everybody": "-1", "nobody": "a text"}[owner]
-    killed: list[int] = []
-    monkeypatch.setattr(pools, "_kill", killed.append)
-
-    def plant() -> None:
-        while not (tmp_path / ".running").exists():
-            time.sleep(0.01)
-        (tmp_path / ".running" / f"x.{suffix}").write_text("")
-
-    thread = threading.Thread(target=plant)
-    thread.start()
-    try:
-        outcome = run_here(tmp_path, {"trials": 16, "trial_timeout_s": 0.5, "parameters": {"work_s": 0.3}})
-        assert (outcome.finished, outcome.failed) == (16, 0)
-        assert killed == []
-        assert bystander.poll() is None
-    finally:
-        thread.join()
-        bystander.kill()
-        bystander.wait()
-
-
-def test_marks_that_are_a_link_are_refused_and_what_it_leads_to_is_left(tmp_path: Path, victim: Path) -> None:
-    (tmp_path / ".running").symlink_to(victim.parent)
-    with pytest.raises(InputError, match="running"):
-        run_here(tmp_path, FORTY)
 
 
 @pytest.mark.parametrize(

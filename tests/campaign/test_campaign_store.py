@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.campaign import store as database
+from midnet_bench.campaign.child import attempt
 from midnet_bench.campaign.definition import Campaign, Definition, resolve
-from midnet_bench.campaign.pool import attempt
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, back_up, only_writer, open_or_create, open_store
 from midnet_bench.campaign.trial import Outcome, TrialSpec, encode_tables
@@ -25,7 +25,7 @@ def definition(campaign: Campaign = CAMPAIGN) -> Definition:
 def fill(store: Store, campaign: Campaign = CAMPAIGN) -> None:
     run_id = store.begin_run(collect(campaign.base_seed))
     for spec in reversed(list(resolve(campaign, coins).trials())):
-        store.record(run_id, spec, attempt(coins.run_trials, [spec], 60.0)[0])
+        store.record(run_id, spec, attempt(coins.run_trials, [spec])[0])
     store.end_run(run_id)
 
 
@@ -77,7 +77,7 @@ def test_a_failure_is_kept_and_a_later_success_takes_its_place(filled: Path) -> 
         with pytest.raises(ValueError, match="has failed"):
             _ = failed.tables()
 
-        store.record(1, spec, attempt(coins.run_trials, [spec], 60.0)[0])
+        store.record(1, spec, attempt(coins.run_trials, [spec])[0])
         assert set(statuses(store).values()) == {"finished"}
         assert len(statuses(store)) == 12
 

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import threading
 import time
 from pathlib import Path
 
@@ -11,11 +10,13 @@ import pytest
 
 from midnet_bench.campaign import pool as pools
 from midnet_bench.campaign.definition import Campaign, resolve
+from midnet_bench.campaign.pool import Group
 from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
 from midnet_bench.campaign.store import StoreFull, only_writer, open_store
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import MidnetBenchError
 from tests.campaign import coin_experiments as coins
-from tests.campaign.campaign_process import exported, finish, start, wait_for
+from tests.campaign.campaign_process import children_of, exported, finish, start, wait_for
 
 FORTY = {"grid": {"coins": [1, 2], "table": ["wood", "glass"]}, "trials": 10, "parameters": {"work_s": 0.05}}
 LONG = {"trials": 400, "parameters": {"work_s": 0.2}}
@@ -28,21 +29,16 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return exported(directory)
 
 
-def run_here(directory: Path, campaign: dict[str, object]) -> CampaignOutcome:
+def run_here(directory: Path, campaign: dict[str, object], jobs: int = 2) -> CampaignOutcome:
     """The campaign in this process: its worker processes stay for the next one."""
     resolved = resolve(Campaign.model_validate({"experiment": "coins", **campaign}), coins)
-    return run_campaign(resolved, directory, jobs=2)
+    return run_campaign(resolved, directory, jobs=jobs)
 
 
 def kill(process: subprocess.Popen[str]) -> None:
     """The parent alone, as the kernel would; its workers are left to find out."""
     process.kill()
     process.communicate()
-
-
-def named_in_shared_memory(process: subprocess.Popen[str]) -> list[str]:
-    """What a campaign's process and its workers share; loky names it by the process."""
-    return [path.name for path in Path("/dev/shm").glob(f"*-{process.pid}-*")]
 
 
 def stored_in(directory: Path) -> int:
@@ -56,9 +52,9 @@ def test_a_killed_worker_and_a_kill_while_trials_are_stored_change_nothing_and_t
 ) -> None:
     process = start(tmp_path, FORTY, jobs=2)
     wait_for(process, "stored", 3)
-    os.kill(max(children_of(process), key=processor_time), signal.SIGKILL)
+    os.kill(max(children_of(process.pid), key=processor_time), signal.SIGKILL)
     wait_for(process, "stored", 10)  # more than were under way
-    workers = children_of(process)
+    workers = children_of(process.pid)
     kill(process)
     before = stored_in(tmp_path)
     outcome = run_here(tmp_path, FORTY)
@@ -66,22 +62,28 @@ def test_a_killed_worker_and_a_kill_while_trials_are_stored_change_nothing_and_t
     assert 13 <= before < 40
     assert (outcome.finished, outcome.failed, outcome.ran) == (40, 0, 40 - before)
     assert exported(tmp_path) == undisturbed
-    assert not (tmp_path / ".running").exists()
-    deadline_s = time.monotonic() + 20
-    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline_s:
+    assert len(workers) == 2
+    assert all_end(workers)
+
+
+@pytest.mark.slow
+def test_workers_leave_with_their_parent_in_the_middle_of_a_trial(tmp_path: Path) -> None:
+    process = start(tmp_path, {"trials": 4, "parameters": {"work_s": 600.0}}, jobs=2)
+    wait_for(process, "begin")
+    deadline_s = time.monotonic() + 60
+    while len(workers := children_of(process.pid)) < 2 and time.monotonic() < deadline_s:
         time.sleep(0.05)
-    assert len(workers) >= 2
-    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
+    kill(process)
+    assert len(workers) == 2
+    assert all_end(workers)
 
 
-def children_of(process: subprocess.Popen[str]) -> list[int]:
-    """The worker processes; each belongs to the thread that started it."""
-    tasks = Path(f"/proc/{process.pid}/task")
-    if not tasks.exists():
-        kill(process)
-        pytest.skip("needs Linux's /proc to find the workers")
-    children = [int(pid) for children in tasks.glob("*/children") for pid in children.read_text().split()]
-    return [pid for pid in children if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
+def all_end(pids: list[int]) -> bool:
+    """Whether no process is there any more, at the latest after some seconds."""
+    deadline_s = time.monotonic() + 30
+    while any(Path(f"/proc/{pid}").exists() for pid in pids) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    return not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
 @pytest.mark.slow
@@ -94,29 +96,35 @@ def test_a_worker_that_grows_is_replaced_without_a_word_and_nothing_waits_for_it
 
 
 @pytest.mark.slow
+def test_what_a_trial_prints_does_not_reach_the_output_of_the_command(tmp_path: Path) -> None:
+    campaign = {"trials": 1, "parameters": {"trouble": "print", "trouble_seed": 1}}
+    code, out, err = finish(start(tmp_path, campaign, jobs=1))
+
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == ["begin", "stored", "done"]
+    assert sorted(err.splitlines()) == ["heads or tails?", "tails"]
+
+
+@pytest.mark.slow
 def test_a_worker_that_is_stopped_costs_a_repetition_and_then_its_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pools, "STALLED_S", 0.5)
     campaign = {"trials": 4, "trial_timeout_s": 1.0, "parameters": {"work_s": 0.4}}
-    stopped: list[str] = []
+    stopped: list[Group] = []
+    run = pools.Child.run
 
-    def stop() -> None:
-        deadline_s = time.monotonic() + 30
-        while len(stopped) < 2 and time.monotonic() < deadline_s:
-            time.sleep(0.01)
-            for mark in (tmp_path / ".running").glob("*.*"):
-                if mark.name not in stopped and (not stopped or mark.stem == Path(stopped[0]).stem):
-                    os.kill(int(mark.suffix[1:]), signal.SIGSTOP)
-                    stopped.append(mark.name)
-                    break
+    def run_stopped(child: pools.Child, run_trials: bytes, specs: Group, limit_s: float) -> list[Outcome]:
+        if len(stopped) < 2:
+            os.kill(child.process.pid, signal.SIGSTOP)
+            stopped.append(specs)
+        return run(child, run_trials, specs, limit_s)
 
-    thread = threading.Thread(target=stop)
-    thread.start()
-    outcome = run_here(tmp_path, campaign)
-    thread.join()
+    monkeypatch.setattr(pools.Child, "run", run_stopped)
+    outcome = run_here(tmp_path, campaign, jobs=1)
 
-    assert len(stopped) == 2  # of one trial: it was repeated after the first
+    assert len(stopped) == 2
+    assert stopped[0] == stopped[1]  # it was repeated after the first
     assert (outcome.finished, outcome.failed) == (3, 1)
     with open_store(tmp_path / "campaign.sqlite") as store:
         assert ["its worker died twice" in line for line in store.failures()] == [True]
@@ -140,7 +148,6 @@ def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(tmp_path: Pa
         f"error: interrupted; {stored} of 400 trials are stored in {tmp_path / 'campaign.sqlite'}:"
         " run the same command again to continue"
     ]
-    assert not (tmp_path / ".running").exists()
 
 
 @pytest.mark.slow
@@ -163,17 +170,15 @@ def test_an_interrupt_while_workers_start_is_one_line_too(
 def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     process = start(tmp_path, LONG, jobs=2)
     wait_for(process, "stored", 3)
-    assert named_in_shared_memory(process)
+    workers = children_of(process.pid)
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     code, _, _ = finish(process)
 
     assert code in (130, -signal.SIGINT)
     assert stored_in(tmp_path) >= 3
-    deadline_s = time.monotonic() + 30.0
-    while named_in_shared_memory(process) and time.monotonic() < deadline_s:
-        time.sleep(0.1)
-    assert not named_in_shared_memory(process)
+    assert len(workers) == 2
+    assert all_end(workers)
 
 
 @pytest.mark.slow

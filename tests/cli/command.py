@@ -14,6 +14,7 @@ from pathlib import Path
 from unittest import mock
 
 from midnet_bench.campaign import pool as pools
+from midnet_bench.campaign.child import attempt
 from midnet_bench.campaign.trial import Outcome, RunTrials
 from midnet_bench.cli import main
 
@@ -45,10 +46,10 @@ def midnet_bench(*arguments: object, folder: Path) -> Done:
     """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="") for _ in range(2))
     argv = ["midnet-bench", *map(str, arguments)]
-    outcomes = pools.LokyPool.outcomes if "--jobs" in argv else without_workers
+    outcomes = pools.LocalPool.outcomes if "--jobs" in argv else without_workers
     with (
         _process_left_as_it_is(),
-        mock.patch.object(pools.LokyPool, "outcomes", outcomes),
+        mock.patch.object(pools.LocalPool, "outcomes", outcomes),
         contextlib.chdir(folder),
         mock.patch.dict(os.environ, {"NO_COLOR": "1"}),
         mock.patch.object(sys, "argv", argv),
@@ -87,14 +88,11 @@ def in_its_own_process(
 
 
 def without_workers(
-    pool: object, run_trials: RunTrials, groups: Iterator[pools.Group], limit_s: float, one_at_a_time: bool
+    pool: object, run_trials: RunTrials, groups: Iterator[pools.Group], limit_s: float
 ) -> Iterator[Outcome]:
-    """As the pool does it, in this process."""
+    """As the pool does it, in this process and without a time limit."""
     for group in groups:
-        # a trial's time limit would take the place of the test's own
-        with mock.patch.object(pools, "_time_limit", return_value=contextlib.nullcontext()):
-            outcomes = pools.attempt(run_trials, group, limit_s)
-        yield from outcomes
+        yield from attempt(run_trials, group)
 
 
 @contextlib.contextmanager

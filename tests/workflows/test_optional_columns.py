@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 
 import midnet_bench as mb
-from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.definition import Definition, parse_campaign, resolve
 from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.trial import Column, Columns, Outcome, TrialSpec, check_tables, encode_tables
 from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
 from midnet_bench.experiments.columns import LABYRINTH
 from midnet_bench.workflows.report import write_report
 from midnet_bench.workflows.verify import compare_exactly
@@ -57,6 +59,26 @@ def test_a_store_without_it_is_reported_and_read_from_its_files(
         frame = mb.results(folder).tables[TABLE]
         assert (frame[COLUMN].isna() == frame["seed"].isin(lacking)).all()
         (folder / "campaign.sqlite").unlink(missing_ok=True)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("optional")
+def test_a_store_without_it_goes_on_with_trials_that_have_it(tmp_path: Path) -> None:
+    short = {"intruders": 1, "robots": 1, "engine": "fast", "time_limit_s": 1.0}
+    written = {"experiment": "labyrinth", "parameters": short, "trials": 2}
+    campaign = resolve(parse_campaign(written, "test"), registry)
+    old, new = campaign.trials()
+    result = labyrinth_result(1, 1, 1)
+    del result.tables[TABLE][0][COLUMN]
+    with open_or_create(tmp_path / "campaign.sqlite", campaign.definition_in(tmp_path)) as store:
+        outcome = Outcome(old.trial_id, 6.0, 60.0, encode_tables(result))
+        store.record(store.begin_run(collect(1)), old, outcome)
+
+    assert run_campaign(campaign, tmp_path, jobs=1).ran == 1
+    write_report(tmp_path)
+    frame = mb.results(tmp_path).tables[TABLE].set_index("seed")
+    assert frame[COLUMN].isna().to_dict() == {old.seed: True, new.seed: False}
+    assert frame["detected_at_s"][old.seed] == 10.0
 
 
 def test_a_store_without_a_column_that_has_to_be_there_is_refused(tmp_path: Path) -> None:
