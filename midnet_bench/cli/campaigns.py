@@ -219,6 +219,7 @@ def size(
     probability: float = 0.9,
     capture: bool = False,
     intruders: str | None = None,
+    robots: str | None = None,
     engine: options.Part = None,
     robot_model: options.Part = None,
     detector: options.Part = None,
@@ -226,7 +227,7 @@ def size(
     patrol: options.Part = None,
     pursuit: options.Part = None,
     settings: options.Settings = None,
-    trials: int = 400,
+    trials: int | None = None,
     seed: options.Seed = 1,
     jobs: options.Jobs = None,
     output: Path | None = None,
@@ -236,8 +237,8 @@ def size(
 ) -> None:
     """Find the smallest team that finds an intruder in time, for a building, its robots and a patrol.
 
-    Teams of 1, 2, 4, 8 ... guards are tried until one is enough, then those between. The same command again
-    continues where it stopped.
+    Runs the packaged campaign 'size': the intruder stays in the building until it is found or the time is
+    over, and each team size meets it on the same seeds. The same command again continues where it stopped.
 
     Options:
         within S: Time in which an intruder has to be found, from its entry.
@@ -245,29 +246,33 @@ def size(
         capture: It has to be caught: a guard within capture_distance_m.
         intruders PLACES: Where an intruder enters: doors, anywhere, or 'X,Y X,Y' in metres (default doors if
             the outer wall has gaps, else anywhere).
-        trials N: Most trials of each team size, a multiple of 40.
+        robots N,N: Team sizes (default 1,2,3,4,5).
+        trials N>=1: Trials of each team size (default 100).
         output DIR: Folder for the results (default results/size-ARENA).
         fresh: Run all trials anew.
         dry_run --dry-run -n: Say what it would cost, and stop.
     """
+    from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.workflows import size as workflow
 
     chosen = {"engine": engine, "robot": robot_model, "detector": detector, "fusion": fusion}
     parameters = options.joined({**chosen, "patrol": patrol, "pursuit": pursuit}, settings)
     options.check_values("labyrinth", parameters, "--set {key}=")
-    question = workflow.Question(arena, within, probability, capture, intruders, parameters, trials, seed)
+    sizes = None if robots is None else options.whole_numbers(robots, "--robots")
+    options.check_values("labyrinth", {"robots": sizes}, "--{key}")
+    question = workflow.Question(
+        arena, within, probability, capture, intruders, parameters, sizes, trials, seed
+    )
     question, building, notes = workflow.ask(question)
-    clear, unclear = (timedelta(seconds=round(s)) for s in workflow.cost_of(question, building, jobs))
-    cost = f"Up to {trials} trials of {within:g} s for each team size: about {clear}"
-    for text in (
-        *(f"note: {text}" for text in notes),
-        f"{cost} if the answer is clear, {unclear} if it is not.",
-    ):
-        messages.note(text)
-    if dry_run:
-        return
+    for text in notes:
+        messages.note(f"note: {text}")
     directory = output or options.RESULTS / f"size-{building.name}"
-    answer = workflow.size(question, building, directory, jobs=jobs, fresh=fresh, note=messages.note)
+    if dry_run:
+        _print_plan("labyrinth", workflow.plan_of(question, directory, jobs, fresh), directory, as_json)
+        return
+    answer = workflow.size(
+        question, directory, jobs=jobs, fresh=fresh, compiling=compiling, progress=CampaignProgress()
+    )
     workflow.write(answer, building, directory)
     if as_json:
         show("size", [answer.table, answer.places], as_json, answer=answer.sentences)
