@@ -190,10 +190,10 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
 def _show_report(report: "Report", as_json: bool, wide: bool) -> None:
     results, tables, printed, first = report
     if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
-        from midnet_bench.workflows import standing
+        from midnet_bench.workflows import ranking
 
-        if standing.is_standard(results.definition):
-            first = standing.headline(results)
+        if ranking.is_standard(results.definition):
+            first = ranking.standard_headline(results)
     if as_json:
         show(results.definition.experiment, tables, as_json)
     elif first is not None and not wide:
