@@ -816,12 +816,6 @@ def coverage(sample: str, other: str) -> list[float]:
     return [value("data/coverage", column, sample=sample, n=n) for n in COVERED for column in columns]
 
 
-def sequential() -> list[float]:
-    """Shares: the mean coverage, the least, the greatest, and the most wrong decisions."""
-    frame = table("data/sequential-coverage")
-    return [frame["held"].mean(), frame["held"].min(), frame["held"].max(), frame["wrong"].max()]
-
-
 def ablated(column: str) -> list[Any]:
     """Of five robots with the paper's fusion and with none: both means and the paired difference."""
     frame = rows("ablation/scores", robots=5).assign(
@@ -1440,11 +1434,6 @@ QUOTES = [
         "| a difference that one pair in ten has: percent of all samples (without any interval) |"
         + " {:.0f} ({:.0f}) |" * 5,
         lambda: coverage("a difference that one pair in ten has", "without_interval"),
-    ),
-    Quote(
-        "docs/statistics.md",
-        "it holds the truth in {:.1%} ({:.1%} to {:.1%}; shares come in steps), and decisions are wrong in at most {:.1%} (",
-        sequential,
     ),
     Quote(
         "docs/metrics.md",

@@ -45,7 +45,7 @@ COMMANDS = {
         *("detection", "--robots", "1,2", "--frames", "8", "--record", "--jobs", "2"),
         *(*FAST, "-o", "{at}"),
     ),
-    "size": ("size", "map1", "--within", "4", "--probability", "0.5", "--trials", "40", *FAST, "-o", "{at}"),
+    "size": ("size", "map1", "--within", "4", "--robots", "1,2", "--trials", "6", *FAST, "-o", "{at}"),
     "map": ("map", "map1", "--set", "time_limit_s=6", *FAST, "-o", "{at}"),
     "render": ("render", "--frames", "8", "--frame", "8", *FAST, "-o", "{at}"),
     "export": ("export", "detection", "--robots", "2", "--frames", "20", *FAST, "-o", "{at}/drive.mcap"),

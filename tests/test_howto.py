@@ -12,14 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.analysis import sample_size
-from midnet_bench.workflows import report, size
+from midnet_bench.workflows import report
 from tests.cli.command import worked
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs" / "howto").glob("*.md"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BATCH = 4  # trials between two looks of ``size``, of which the pages' commands do forty
 GUARDED = r"(run(?! walking)|detection)"  # walks have neither guards nor frames
 SMALLER = {r"--seeds 3": "--seeds 2", r"--jobs 2": "--jobs 1", r"time_limit_s=\d+": "time_limit_s=2"}
 MORE = {
@@ -28,17 +26,12 @@ MORE = {
     rf"{GUARDED} (?!.*--engine)": "--engine fast",
     r"run (?!.*--seeds)": "--seeds 2",
     r"(labyrinth|map) (?!.*(time_limit_s|--exact|--from))": "--set time_limit_s=2",
-    r"size ": f"--within 10 --probability 0.02 --trials {BATCH}",
+    r"size ": "--within 10 --trials 2",
+    r"size (?!.*--robots)": "--robots 1",
 }
 """what begins a command -> words that make it short: whether it runs is the question, not what comes of it"""
 
-pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(autouse=True)
-def _small_batches(monkeypatch: pytest.MonkeyPatch, trials_in_this_process: None) -> None:
-    monkeypatch.setattr(sample_size, "BATCH", BATCH)
-    monkeypatch.setattr(size, "BATCH", BATCH)
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("trials_in_this_process")]
 
 
 @pytest.fixture

@@ -14,14 +14,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from midnet_bench.analysis.statistics import (
-    Estimate,
-    Range,
-    exact_mean,
-    holm,
-    p_value,
-    pair,
-)
+from midnet_bench.analysis.statistics import Estimate, Range, exact_mean, holm, outlier_notes, p_value, pair
 from midnet_bench.analysis.tables import Cell
 from midnet_bench.campaign.trial import factor_text
 
@@ -31,44 +24,6 @@ Key = tuple[object, ...]  # a value of each of some columns
 SCOPE, MEASURE = "scope", "measure"
 BOUNDS = {"difference": ("low", "high", "n")}  # the columns of a table's differences
 LEVEL = 0.05  # the chance of a wrong verdict anywhere in one table
-
-
-class Difference(NamedTuple):
-    """A measure in two cells on the seeds that they share."""
-
-    before: float  # mean in the first cell
-    after: float  # mean in the second cell
-    change: Estimate  # second less first, seed by seed
-    seeds: int
-    p_holm: float  # adjusted by Holm for all that are compared together; NaN where there is no interval
-    outlier_seed: int | None = None  # the seed whose difference makes the interval wide, if one does
-    is_identical: bool = False  # whether both cells have the same number at every seed
-
-    def verdict(self, wants_less: bool = False) -> str:
-        """What the second cell is beside the first: better, worse, identical, or no clear difference.
-
-        ``wants_less``: whether less of the measure is better.
-        """
-        if self.is_identical:
-            return IDENTICAL
-        if not self.p_holm <= LEVEL:
-            return UNCLEAR
-        return BETTER if (self.change.low > 0.0) != wants_less else WORSE
-
-
-def holm_notes(names: Sequence[str], differences: Sequence[Difference]) -> list[str]:
-    """A sentence on differences without a verdict whose interval leaves out 0; ``names``: of each."""
-    withheld = [
-        name
-        for name, each in zip(names, differences, strict=True)
-        if (each.change.low > 0.0 or each.change.high < 0.0) and not each.p_holm <= LEVEL
-    ]
-    if not withheld:
-        return []
-    return [
-        f"{'; '.join(withheld)}: no clear difference, though the interval leaves out 0: of "
-        f"{len(differences)} comparisons made together, Holm's adjusted p is above {LEVEL:g}."
-    ]
 
 
 def tidy(frame: pd.DataFrame, factors: Sequence[str], measures: Sequence[str]) -> pd.DataFrame:
@@ -100,6 +55,11 @@ def series(frame: pd.DataFrame, keys: Sequence[str]) -> dict[Key, dict[int, floa
     return found
 
 
+def cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
+    """The columns of a frame of scores that tell cells apart."""
+    return [str(name) for name in frame if name not in (*by, MEASURE, "seed", "value")]
+
+
 def label(names: Sequence[str], key: Key) -> str:
     """A cell in words: ``5-robot, oracle=window``; ``key`` has the values of the columns ``names``."""
     cell = {name: value for name, value in zip(names, key, strict=True) if value is not None}
@@ -108,32 +68,49 @@ def label(names: Sequence[str], key: Key) -> str:
     return ", ".join([*parts, *(factor_text(name, value) for name, value in cell.items())])
 
 
-def columns_of(one: Difference, wants_less: bool) -> dict[str, Cell]:
-    """The columns of a difference in every table."""
-    return {
-        "difference": one.change,
-        "seeds": one.seeds,
-        "outlier_seed": one.outlier_seed,
-        "p_holm": one.p_holm,
-        "verdict": one.verdict(wants_less),
-    }
-
-
 class Compared(NamedTuple):
-    """A score of one of the compared, beside the baseline's."""
+    """A score of one of the compared beside the baseline's, on the seeds that both have."""
 
     contestant: Key
     key: Key  # of the cell: the factors that are not compared
     cell: str  # the same in words
     measure: str
-    difference: Difference
+    wants_less: bool  # whether less of the score is better
+    before: float  # the baseline's mean
+    after: float  # the contestant's mean
+    change: Estimate  # the contestant's less the baseline's, seed by seed
+    seeds: int
+    p_holm: float  # adjusted by Holm for all that are compared together; NaN where there is no interval
+    outlier_seed: int | None  # the seed whose difference makes the interval wide, if one does
+    is_identical: bool  # whether both have the same number at every seed
     values: BySeed
 
+    @property
+    def verdict(self) -> str:
+        """What the contestant is beside the baseline: better, worse, identical, or no clear difference."""
+        if self.is_identical:
+            return IDENTICAL
+        if not self.p_holm <= LEVEL:
+            return UNCLEAR
+        return BETTER if (self.change.low > 0.0) != self.wants_less else WORSE
 
-def compare(
+    @property
+    def columns(self) -> dict[str, Cell]:
+        """The columns of a difference in every table."""
+        return {
+            "difference": self.change,
+            "seeds": self.seeds,
+            "outlier_seed": self.outlier_seed,
+            "p_holm": self.p_holm,
+            "verdict": self.verdict,
+        }
+
+
+def paired(
     frame: pd.DataFrame,
     by: Sequence[str],
     range_of: Callable[[str], Range],
+    wants_less: Callable[[str], bool],
     measures: Sequence[str] = (),
     with_baseline: bool = False,
 ) -> list[Compared]:
@@ -145,10 +122,11 @@ def compare(
         frame: of scores, with the columns ``by``; the baseline's rows stand first.
         by: the columns that are compared; the others tell the cells apart.
         range_of: the least and the greatest value of a measure.
+        wants_less: whether less of a measure is better.
         measures: those that are compared; all unless given.
         with_baseline: whether the baseline is compared with itself, too.
     """
-    names = [name for name in frame.columns if name not in (*by, MEASURE, "seed", "value")]
+    names = cell_columns(frame, by)
     values = series(frame, [*by, *names, MEASURE])
     contestants = list(dict.fromkeys(key[: len(by)] for key in values))
     baseline = {key[len(by) :]: each for key, each in values.items() if key[: len(by)] == contestants[0]}
@@ -160,23 +138,41 @@ def compare(
         for after in [values.get((*contestant, *cell), {})]
         if any(seed in after for seed in before)
     ]
-    adjusted = holm([p_value(paired.difference, 0.0, math.inf) for _, _, paired, _ in shared])
+    adjusted = holm([p_value(both.difference, 0.0, math.inf) for _, _, both, _ in shared])
     return [
         Compared(
             contestant,
             cell[:-1],
             label(names, cell[:-1]),
             str(cell[-1]),
-            Difference(
-                exact_mean(paired.before),
-                exact_mean(paired.after),
-                paired.difference(1.0 - LEVEL),
-                len(paired.before),
-                p_holm,
-                paired.outlier_seed,
-                all(a == b or (a != a and b != b) for a, b in zip(paired.before, paired.after, strict=True)),
-            ),
+            wants_less(str(cell[-1])),
+            exact_mean(both.before),
+            exact_mean(both.after),
+            both.difference(1.0 - LEVEL),
+            len(both.before),
+            p_holm,
+            both.outlier_seed,
+            all(a == b or (a != a and b != b) for a, b in zip(both.before, both.after, strict=True)),
             after,
         )
-        for (contestant, cell, paired, after), p_holm in zip(shared, adjusted, strict=True)
+        for (contestant, cell, both, after), p_holm in zip(shared, adjusted, strict=True)
     ]
+
+
+def notes_on(compared: Sequence[Compared], names: Sequence[str] = ()) -> list[str]:
+    """What a reader has to know of differences: what makes an interval wide, verdicts withheld.
+
+    The latter, whose interval leaves out 0, only with the ``names`` of all.
+    """
+    notes = outlier_notes(one.outlier_seed for one in compared)
+    withheld = [
+        name
+        for name, one in zip(names, compared, strict=bool(names))
+        if (one.change.low > 0.0 or one.change.high < 0.0) and not one.p_holm <= LEVEL
+    ]
+    if withheld:
+        notes.append(
+            f"{'; '.join(withheld)}: no clear difference, though the interval leaves out 0: of "
+            f"{len(compared)} comparisons made together, Holm's adjusted p is above {LEVEL:g}."
+        )
+    return notes

@@ -204,10 +204,10 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
 def _show_report(report: "Report", as_json: bool, wide: bool) -> None:
     results, tables, printed, first = report
     if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
-        from midnet_bench.workflows import standing
+        from midnet_bench.workflows import ranking
 
-        if standing.is_standard(results.definition):
-            first = standing.headline(results)
+        if ranking.is_standard(results.definition):
+            first = ranking.standard_headline(results)
     if as_json:
         show(results.definition.experiment, tables, as_json)
     elif first is not None and not wide:
@@ -246,6 +246,7 @@ def size(
             "outer wall has gaps, else anywhere).",
         ),
     ] = None,
+    robots: Annotated[str | None, typer.Option(metavar="N,N", help="Team sizes (default 1,2,3,4,5).")] = None,
     engine: options.Plugin = None,
     robot_model: options.Plugin = None,
     detector: options.Plugin = None,
@@ -254,8 +255,8 @@ def size(
     pursuit: options.Plugin = None,
     settings: options.Settings = None,
     trials: Annotated[
-        int, typer.Option(metavar="N", help="Most trials of each team size, a multiple of 40.")
-    ] = 400,
+        int | None, typer.Option(metavar="N", min=1, help="Trials of each team size (default 100).")
+    ] = None,
     seed: options.Seed = 1,
     jobs: options.Jobs = None,
     output: Annotated[
@@ -272,27 +273,30 @@ def size(
 ) -> None:
     """Find the smallest team that finds an intruder in time, for a building, its robots and a patrol.
 
-    Teams of 1, 2, 4, 8 ... guards are tried until one is enough, then those between. The same command again
-    continues where it stopped.
+    Runs the packaged campaign 'size': the intruder stays in the building until it is found or the time is
+    over, and each team size meets it on the same seeds. The same command again continues where it stopped.
     """
+    from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.workflows import size as workflow
 
     chosen = {"engine": engine, "robot": robot_model, "detector": detector, "fusion": fusion}
     parameters = options.joined({**chosen, "patrol": patrol, "pursuit": pursuit}, settings)
     options.check_values("labyrinth", parameters, "--set {key}=")
-    question = workflow.Question(arena, within, probability, capture, intruders, parameters, trials, seed)
+    sizes = None if robots is None else options.whole_numbers(robots, "--robots")
+    options.check_values("labyrinth", {"robots": sizes}, "--{key}")
+    question = workflow.Question(
+        arena, within, probability, capture, intruders, parameters, sizes, trials, seed
+    )
     question, building, notes = workflow.ask(question)
-    clear, unclear = (timedelta(seconds=round(s)) for s in workflow.cost_of(question, building, jobs))
-    cost = f"Up to {trials} trials of {within:g} s for each team size: about {clear}"
-    for text in (
-        *(f"note: {text}" for text in notes),
-        f"{cost} if the answer is clear, {unclear} if it is not.",
-    ):
-        messages.note(text)
-    if dry_run:
-        return
+    for text in notes:
+        messages.note(f"note: {text}")
     directory = output or options.RESULTS / f"size-{building.name}"
-    answer = workflow.size(question, building, directory, jobs=jobs, fresh=fresh, note=messages.note)
+    if dry_run:
+        _print_plan("labyrinth", workflow.plan_of(question, directory, jobs, fresh), directory, as_json)
+        return
+    answer = workflow.size(
+        question, directory, jobs=jobs, fresh=fresh, compiling=compiling, progress=CampaignProgress()
+    )
     workflow.write(answer, building, directory)
     if as_json:
         show("size", [answer.table, answer.places], as_json, answer=answer.sentences)

@@ -62,7 +62,9 @@ def make_map(
     seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Random seed (default 1).")] = None,
     clip: Annotated[
         bool | None,
-        typer.Option("--clip/--no-clip", help="Make a film (MP4) of the map's picture as it grows (default clip)."),
+        typer.Option(
+            "--clip/--no-clip", help="Make a film (MP4) of the map's picture as it grows (default clip)."
+        ),
     ] = None,
     engine: options.Plugin = None,
     robot_model: options.Plugin = None,

@@ -98,20 +98,22 @@ def compare(
         how = "expected numbers updated" if update else f"{messages.counted(len(lines), 'difference')}, {how}"
         typer.echo("\n".join([*lines, how]))
         raise typer.Exit(1 if lines else 0)
-    from midnet_bench.workflows import compare as workflow
-
     if rank or of or rank_by:
+        from midnet_bench.workflows import ranking
+
         if len(directories) != 1:
             raise InputError("compare: --rank ranks one campaign; give one folder")
         page = output or directories[0] / "leaderboard.md"
         if page.suffix != ".md":
             raise InputError(f"-o {page}: the ranking is a page of Markdown; give a name that ends in .md")
-        tables = workflow.rank(directories[0], of or [], rank_by)
-        workflow.write_ranking(directories[0], tables, page)
+        tables = ranking.rank(directories[0], of or [], rank_by)
+        ranking.write_ranking(directories[0], tables, page)
         show(None, tables, as_json, wide)
         if not as_json:
             messages.note(f"written to {page}")
         return
+    from midnet_bench.workflows import compare as workflow
+
     found = workflow.compare(directories, by, baseline)
     if output is not None:
         from midnet_bench.workflows.report import write_comparison

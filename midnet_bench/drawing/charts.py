@@ -20,13 +20,14 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
+from midnet_bench.analysis.statistics import MEAN_METHOD, SHARE_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats
 
 DPI, FONT_PT = 200, 9
 DODGE = 0.08  # between neighbouring series, as a share of the gap between places along x
+ENDS = 0.03  # between the bars behind the end of a time axis, as a share of it
 LABELLED = 12  # so many entrances at most have their share beside them
 METADATA: Mapping[str, dict[str, None]] = {
     "png": {"Software": None},
@@ -316,26 +317,36 @@ def chart_files(figure: Figure, formats: Sequence[str] = FORMATS) -> dict[str, b
 
 @own_style()
 def times_figure(
-    times_s: Mapping[int, Sequence[float]], within_s: float, probability: float, done: str
+    teams: Mapping[str, tuple[Sequence[float], Estimate]], within_s: float, probability: float, done: str
 ) -> Figure:
-    """The share of trials in which the intruder was found by each time, a step line for each team size.
+    """The share of trials in which the intruder was found by each time, a step line for each team.
 
-    ``times_s``: team size -> a time for each trial, NaN if it was not found; the time ends at ``within_s``.
-    ``probability`` is a grey line; ``done`` is ``found`` or ``caught``.
+    ``teams``: label -> a time for each trial, NaN if it was not found, and the share with its interval, the
+    bar at the end. The time ends at ``within_s``. ``probability`` is a grey line; ``done`` is ``found`` or
+    ``caught``.
     """
-    figure = chart(5.6, 3.6)
+    figure = chart(6.4, 3.6)
     axes = figure.add_subplot()
-    for (robots, times), style in zip(times_s.items(), cycle(STYLES)):
+    for number, ((label, (times, final)), style) in enumerate(zip(teams.items(), cycle(STYLES))):
         at = np.sort([time for time in times if not np.isnan(time)])
         shares = np.arange(len(at) + 1) / len(times)
         x, y = [0.0, *at.tolist(), within_s], [*shares.tolist(), shares[-1]]
-        label = f"{robots} guard{'s' * (robots != 1)}, {len(times)} trials"
-        axes.step(x, y, where="post", color=style.color, linestyle=style.dash, linewidth=1.4, label=label)
+        axes.step(x, y, where="post", color=style.color, linestyle=style.dash, linewidth=1.4)
+        # bars stand side by side behind the end
+        place = within_s * (1.0 + ENDS * (number + 1))
+        add_estimates(axes, [place], [final], style, label)
     axes.axhline(probability, color="#999999", linewidth=0.8)
-    axes.set(xlim=(0.0, within_s), ylim=(0.0, 1.02), xlabel="time since the intruder entered, s")
+    axes.set_xticks([tick for tick in axes.get_xticks() if 0.0 <= tick <= within_s])
+    last = within_s * (1.0 + ENDS * (len(teams) + 1))
+    axes.set(xlim=(0.0, last), ylim=(0.0, 1.02), xlabel="time since the intruder entered, s")
     axes.set_ylabel(f"intruders {done}, share of trials")
-    axes.legend(fontsize=FONT_PT - 1, frameon=False, loc="best")
     light_grid(axes)
+    figure.legend(
+        fontsize=FONT_PT - 1, frameon=False, loc="outside right upper", title=f"probability {probability:g}"
+    )
+    figure.supxlabel(
+        counted([final for _, final in teams.values()], SHARE_METHOD), fontsize=FONT_PT - 2, color="#555555"
+    )
     return figure
 
 

@@ -1,38 +1,35 @@
-"""Scores side by side: campaigns, the values of a factor, ranks, and curves over a factor."""
+"""Scores side by side: campaigns, the values of a factor, and curves over a factor."""
 
-import itertools
-import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
-from midnet_bench.agents.agent_settings import PATROLS, PURSUITS
-from midnet_bench.analysis import compare as analysis
 from midnet_bench.analysis.compare import (
     BOUNDS,
     MEASURE,
     SCOPE,
     WORSE,
     BySeed,
-    Compared,
     Key,
+    cell_columns,
     joined,
     label,
+    notes_on,
+    paired,
     series,
+    tidy,
 )
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean
 from midnet_bench.analysis.tables import Cell, Table, in_words, signed, team_in_words
-from midnet_bench.campaign.provenance import code_of, versions_note
+from midnet_bench.campaign.provenance import code_of
 from midnet_bench.campaign.trial import factor_text
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.registry import Experiment, experiment_of, tables_of
-from midnet_bench.io.files import write_atomically
-from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
@@ -45,8 +42,6 @@ COLUMNS = (
 )
 """of the tables, beside one for each campaign"""
 HOW = f"on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
-NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS, PURSUITS))
-"""factors that are ranked unless others are given"""
 HIDDEN = ("seeds", "p_holm", "outlier_seed")  # columns of differences that a terminal may leave out
 FEWEST = 3  # values of a factor whose curve the report draws by itself
 MOST_SETTINGS, MAX_SHOWN = 4, 60
@@ -105,7 +100,7 @@ def compare(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
             f"not {' and '.join(kinds)}"
         )
-    frame = _scores(record, {(name,): results for name, results in campaigns.items()}, [CAMPAIGN])
+    frame = scores_of(record, {(name,): results for name, results in campaigns.items()}, [CAMPAIGN])
     differences = _differences(record, frame.drop(columns=[by] if by in frame else []), list(campaigns))
     first, *others = campaigns
     for name in others:
@@ -155,7 +150,7 @@ def _is_same_number(text: str, other: str) -> bool:
         return False
 
 
-def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str]) -> pd.DataFrame:
+def scores_of(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str]) -> pd.DataFrame:
     """The main scores of parts of campaigns in one frame, with a column ``by`` for each place of the key.
 
     A column that is no factor, such as robots, and has one value in each part and not the same in all, goes:
@@ -165,7 +160,7 @@ def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str])
     frames = {key: record.report.measures(part) for key, part in parts.items()}
     frame, factors = joined(frames, by), {SCOPE, *(name for part in parts.values() for name in part.factors)}
     set_by_parts = []
-    for name in _cell_columns(frame, [*by, *factors]):
+    for name in cell_columns(frame, [*by, *factors]):
         values = [set(one[name].dropna()) for one in frames.values() if name in one]
         if len(set().union(*values)) > 1 and all(len(each) < 2 for each in values):
             set_by_parts.append(name)
@@ -188,40 +183,31 @@ def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
     )
 
 
-def _cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
-    """The columns of a frame of scores that tell cells apart."""
-    return [str(name) for name in frame if name not in (*by, MEASURE, "seed", "value")]
-
-
 def seed_mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
     """The mean of a score over seeds with its interval, which stays where the score can be."""
     return mean(list(values.values()), within=record.range_of(measure))
 
 
-def _difference(record: Experiment, one: Compared) -> dict[str, Cell]:
-    return analysis.columns_of(one.difference, record.wants_less(one.measure))
-
-
-def _notes(compared: Sequence[Compared], names: Iterable[str] = ()) -> list[str]:
-    """What a reader has to know about differences; ``names``: of each, where Holm's notes are wanted."""
-    changes, names = [one.difference for one in compared], list(names)
-    notes = outlier_notes(one.outlier_seed for one in changes)
-    return notes + (analysis.holm_notes(names, changes) if names else [])
-
-
 def _differences(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
     """Means of the first campaign (``campaigns[0]``) and of each other, and their difference, by cell."""
     first = campaigns[0]
-    compared = analysis.compare(frame, [CAMPAIGN], record.range_of) if len(frame) else []
+    compared = paired(frame, [CAMPAIGN], record.range_of, record.wants_less) if len(frame) else []
     rows: list[Mapping[str, Cell]] = []
     names = []
     for one in compared:
         other = str(one.contestant[0])
-        means = {first: one.difference.before, other: one.difference.after}
-        rows.append({"trial": one.cell, "measure": one.measure, **means, **_difference(record, one)})
+        means = {first: one.before, other: one.after}
+        rows.append(
+            {
+                "trial": one.cell,
+                "measure": one.measure,
+                **means,
+                **one.columns,
+            }
+        )
         names.append(f"{one.cell} {in_words(one.measure)}" + f" ({other})" * (len(campaigns) > 2))
     title, labels = f"Differences from {first} {HOW}", {name: name for name in campaigns}
-    notes = _notes(compared, names)
+    notes = notes_on(compared, names)
     return Table("differences", title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, labels=labels)
 
 
@@ -320,128 +306,6 @@ def worse(found: Comparison, measure: str) -> list[str]:
     return lines
 
 
-def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = None) -> list[Table]:
-    """A table for each score that ranks, one row for each contestant in each world, the best first.
-
-    A contestant is a value of each compared factor; what else differs between cells is the world. Beside
-    its mean is its difference from the first value of each factor, on the same seeds.
-
-    Args:
-        directory: of a campaign.
-        of: the factors that are compared; those that name code, such as ``detector``, unless given.
-        rank_by: a score of the experiment; those that it names itself unless given.
-
-    Raises:
-        InputError: the campaign has no such factor, or its experiment no such score.
-    """
-    results = load_results(directory, tables_of)
-    record = experiment_of(results)
-    if record.report.measures is None:
-        raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
-    known = results.factors
-    factors = [factor for factor in known if factor in (of or NAMING_CODE)]
-    if not factors and not of:
-        hint = f"name a factor: --of {' or --of '.join(known)}" if known else "it has none"
-        raise InputError(f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; {hint}")
-    parts: dict[Key, Results] = {(): results}
-    for factor in [*factors, *(name for name in of if name not in known)]:  # which by_value refuses
-        each = [(key, part.by_value(factor)) for key, part in parts.items()]
-        parts = {(*key, name): cell for key, cells in each for name, cell in cells.items()}
-    frame = _scores(record, parts, factors)
-    measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
-    if rank_by is not None and rank_by not in measures:
-        raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
-    chosen = [rank_by] if rank_by else [measure for measure in record.report.ranked_by if measure in measures]
-    return [
-        _ranking(record, factors, frame, one, [other for other in measures if other != one]) for one in chosen
-    ]
-
-
-def ranked(
-    record: Experiment, compared: Sequence[Compared], baseline: str
-) -> list[tuple[Compared, dict[str, Cell]]]:
-    """Contestants of one world, the best first, with the columns of their score and its difference.
-
-    ``compared``: in one score, the baseline first, whose verdict is ``baseline``.
-    """
-    measure, first = compared[0].measure, compared[0].contestant
-    sign = 1.0 if record.wants_less(measure) else -1.0
-    means = [(seed_mean(record, measure, one.values), one) for one in compared]
-    means.sort(key=lambda of: (math.isnan(of[0].value), sign * of[0].value, _texts(of[1].contestant)))
-    verdict = {first: {"verdict": baseline}}
-    return [
-        (one, {measure: score, **_difference(record, one), **verdict.get(one.contestant, {})})
-        for score, one in means
-    ]
-
-
-def _ranking(
-    record: Experiment, factors: Sequence[str], frame: pd.DataFrame, measure: str, beside: Sequence[str]
-) -> Table:
-    """The rows of every world, in the campaign's order of worlds."""
-    names = _cell_columns(frame, factors)
-    frame = _without_repeats(frame, factors, names, measure)
-    values = series(frame, [*factors, *names, MEASURE])
-    compared = analysis.compare(frame, factors, record.range_of, [measure], with_baseline=True)
-    first, worlds = compared[0].contestant, list(dict.fromkeys(one.key for one in compared))
-    compared.sort(key=lambda one: worlds.index(one.key))
-    rows: list[Mapping[str, Cell]] = []
-    for key, world in itertools.groupby(compared, key=lambda one: one.key):
-        for place, (one, score) in enumerate(ranked(record, list(world), "the first"), 1):
-            row: dict[str, Cell] = {"world": one.cell} if len(worlds) > 1 else {}
-            row |= {"rank": place, **dict(zip(factors, _texts(one.contestant, with_pin=False), strict=True))}
-            row |= score
-            for other in beside:
-                if (seeds := values.get((*one.contestant, *key, other))) is not None:
-                    row[other] = seed_mean(record, other, seeds)
-            rows.append(row)
-    best = "the lowest" if record.wants_less(measure) else "the highest"
-    title = (
-        f"Ranked by {in_words(measure)}, {best} first; "
-        f"differences from {' + '.join(_texts(first, with_pin=False))} {HOW}"
-    )
-    labels = {score: in_words(score) for score in (measure, *beside)}
-    called = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
-    name, notes = f"leaderboard_{measure}", _notes(compared, called)
-    return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=(*HIDDEN, *beside))
-
-
-def _texts(values: Key, with_pin: bool = True) -> list[str]:
-    """The values of factors; without the checksum that follows the name of a user's file if so."""
-    return [str(value) if with_pin else str(value).partition("#")[0] for value in values]
-
-
-def _without_repeats(
-    frame: pd.DataFrame, factors: Sequence[str], names: Sequence[str], measure: str
-) -> pd.DataFrame:
-    """The scores without those of worlds that repeat another one: all cells together, where there is one."""
-    worlds: dict[Key, dict[Key, BySeed]] = {}
-    for key, by_seed in series(frame[frame[MEASURE] == measure], [*names, *factors]).items():
-        worlds.setdefault(key[: len(names)], {})[key[len(names) :]] = by_seed
-    scores = [*worlds.values()]
-    repeated = {world for i, world in enumerate(worlds) if scores[i] in scores[:i]}
-    keys = frame[[*names]].itertuples(index=False, name=None)
-    return frame[[key not in repeated for key in keys]]
-
-
-def write_ranking(directory: str | Path, tables: Sequence[Table], page: Path) -> None:
-    """Write the tables of :func:`rank` into a Markdown file."""
-    results = load_results(directory, tables_of)
-    definition = results.definition
-    last = definition.base_seed + definition.trials - 1
-    lines = [
-        f"# Leaderboard: {results.directory.name}",
-        "",
-        f"Experiment `{definition.experiment}`, seeds {definition.base_seed} to {last}, {results.finished} "
-        "trials finished. Written by `midnet-bench compare --rank`.",
-        *versions_note(results.provenance),
-        "",
-    ]
-    for table in tables:
-        lines += [f"## {table.title}", "", table.to_markdown().strip(), ""]
-    write_atomically(page, "\n".join(lines).rstrip() + "\n")
-
-
 def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figure"]:
     """A score over a numeric factor, as a table and as a figure of the table's name.
 
@@ -464,7 +328,7 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
     panels: Mapping[str, Curves] = {}
     if record.report.measures is not None:
         parts: dict[Key, Results] = {(float(name),): part for name, part in results.by_value(x).items()}
-        panels = _curves(_scores(record, parts, [x]), x, label)
+        panels = _curves(scores_of(record, parts, [x]), x, label)
     if y is not None:
         known = panels if y in panels else {**panels, **_number_columns(results, x)}
         if y not in known:
@@ -515,15 +379,24 @@ def _compared_values(results: Results, record: Experiment) -> tuple[Table, "Figu
     assert preset is not None
     baseline, parts = str(preset.baseline), results.by_value(preset.by)
     ordered = list(dict.fromkeys([baseline, *parts]))
-    frame = _scores(record, {(name,): parts[name] for name in ordered}, [preset.by])
-    compared = analysis.compare(frame, [preset.by], record.range_of, preset.measures, with_baseline=True)
+    frame = scores_of(record, {(name,): parts[name] for name in ordered}, [preset.by])
+    compared = paired(
+        frame, [preset.by], record.range_of, record.wants_less, preset.measures, with_baseline=True
+    )
     rows: list[Mapping[str, Cell]] = []
     means: dict[str, dict[str, dict[str, Estimate]]] = {}
     for one in compared:
-        value, change = str(one.contestant[0]), one.difference
+        value = str(one.contestant[0])
         if value != baseline:
             row = {preset.by: value, "trial": one.cell, "measure": one.measure}
-            rows.append({**row, "baseline": change.before, "value": change.after, **_difference(record, one)})
+            rows.append(
+                {
+                    **row,
+                    "baseline": one.before,
+                    "value": one.after,
+                    **one.columns,
+                }
+            )
         estimate = seed_mean(record, one.measure, one.values)
         means.setdefault(one.measure, {}).setdefault(one.cell, {})[value] = estimate
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
@@ -533,7 +406,7 @@ def _compared_values(results: Results, record: Experiment) -> tuple[Table, "Figu
         for one in preset.measures
         if one not in known
     ]
-    notes += _notes(compared)
+    notes += notes_on(compared)
     table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, beside=hidden)
     from midnet_bench.drawing.charts import scores_figure
 
@@ -553,14 +426,14 @@ def _number_columns(results: Results, x: str) -> dict[str, Curves]:
         if set(key) <= set(frame) and not frame.duplicated(key).any():
             numbers = [str(name) for name in frame if frame[name].dtype.kind in "iuf" and name not in key]
             frame = frame.assign(**{x: frame[x].astype(float)})
-            scores = joined({(): analysis.tidy(frame, results.factors, numbers)}, [])
+            scores = joined({(): tidy(frame, results.factors, numbers)}, [])
             found |= _curves(scores, x, lambda names, values: ", ".join(map(factor_text, names, values)))
     return found
 
 
 def _curves(frame: pd.DataFrame, x: str, named: Callable[[Sequence[str], Key], str]) -> dict[str, Curves]:
     """A frame of scores as the curves of each measure; points from left to right."""
-    names = _cell_columns(frame, [x])
+    names = cell_columns(frame, [x])
     found: dict[str, dict[str, dict[float, BySeed]]] = {}
     points = series(frame, [x, *names, MEASURE]) if len(frame) else {}
     for (at, *others, measure), values in sorted(points.items(), key=lambda point: float(str(point[0][0]))):

@@ -1,44 +1,44 @@
 """``size``: the smallest team that finds, or catches, an intruder in time with a probability.
 
-Each team size is a campaign of the labyrinth test with one intruder, on the same seeds; a sequential test
-says after each batch of trials whether its probability is above the threshold.
+The packaged campaign ``size`` in a user's building: the labyrinth test with one intruder, which stays until
+it is found or the time is over, each team size on the same seeds.
 """
 
-import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from midnet_bench.analysis.frames import load_results
-from midnet_bench.analysis.sample_size import ALPHA, BATCH, SequentialTest
-from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.frames import Results, load_results
+from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate, share
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.arena.arena import Arena
-from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, free_space
-from midnet_bench.arena.layout import place
-from midnet_bench.campaign import definition, runner
-from midnet_bench.campaign.definition import Campaign
-from midnet_bench.campaign.store import FILE_NAME
+from midnet_bench.arena.free_space import doors
+from midnet_bench.campaign.definition import Campaign, Values, load_campaign, override, resolve
+from midnet_bench.campaign.runner import Plan, plan
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.geometry import Point, lengths
+from midnet_bench.geometry import Point
 from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.arenas import check as checked_arena
-from midnet_bench.workflows.campaigns import run_campaign
+from midnet_bench.workflows.campaigns import campaign_file, run_resolved
 
-MOST_ROBOTS = 20
-MOST_TRIALS = 400  # of each team size, unless others are given
-USUAL_ESCAPE_M = 12.0
-NOWHERE = Path("/nonexistent")  # the folder of a plan that goes by no earlier trials
-OWN_KEYS = ("robots", "intruders", "time_limit_s", "start_at", "escape_at", "ends")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CAMPAIGN = "size"  # the packaged campaign
+MORE_ROBOTS, MORE_TRIALS = 3, 4  # added to the largest team, and times the trials, in what is advised next
+OWN_KEYS = ("robots", "intruders", "time_limit_s", "start_at", "escape_at", "at_escape", "ends")
 """parameters that the question itself decides"""
+
+IS_ENOUGH = {True: "yes", False: "no", None: "open"}
+WORDS = {True: "enough", False: "not enough", None: "open"}
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,9 @@ class Question:
     entrances: str | None = None
     """``doors``, ``anywhere``, or places ``X,Y``; None: doors if the outer wall has a gap, else anywhere"""
     parameters: Mapping[str, Scalar] = field(default_factory=dict)  # further parameters of the labyrinth test
-    most_trials: int = MOST_TRIALS
-    base_seed: int = 1
+    robots: Values | None = None  # the team sizes; those of the packaged campaign unless given
+    trials: int | None = None  # of each team size; those of the packaged campaign unless given
+    base_seed: int | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError: a number is out of range, or the question decides a parameter itself."""
@@ -62,10 +63,10 @@ class Question:
             raise InputError(f"--within {self.within_s:g}: above 0 and at most 3600 seconds")
         if not 0.0 < self.probability < 1.0:
             raise InputError(f"--probability {self.probability:g}: above 0 and below 1")
-        if self.most_trials < BATCH or self.most_trials % BATCH:
-            raise InputError(f"--trials {self.most_trials}: a multiple of {BATCH}")
         if own := [key for key in OWN_KEYS if key in self.parameters]:
             raise InputError(f"--set {own[0]}: 'size' decides it; leave it out")
+        if "capture" in self.parameters and not self.capture:
+            raise InputError("--set capture: it says how an intruder is caught; give --capture too")
 
     @property
     def done(self) -> str:
@@ -85,14 +86,14 @@ class Team(NamedTuple):
     robots: int
     time_s: dict[int, float]  # seed -> when the intruder was found or caught; NaN if it was not in time
     probability: Estimate
-    is_enough: bool | None  # None: the most trials cannot tell
+    is_enough: bool | None  # None: the interval holds the wanted probability
 
 
 class Answer(NamedTuple):
     """What the trials say."""
 
     question: Question
-    teams: list[Team]  # those that were tried, in order of their size
+    teams: list[Team]  # in order of their size
     entrances: dict[int, Point]  # seed -> where the intruder started, metres, map frame
 
     @property
@@ -102,30 +103,38 @@ class Answer(NamedTuple):
 
     @property
     def sentences(self) -> list[str]:
-        """The answer, what the next smaller team does, and what it stands on."""
-        best, last = self.smallest, self.teams[-1]
-        shown = best or last
-        end = f": no team of up to {last.robots}, the most that start there, is enough."
-        if best is not None:
-            fewer = [team for team in self.teams if team.robots == best.robots - 1]
-            do = "does" if best.robots == 2 else "do"
-            end = "".join(f"; {team.robots} {do} with {_text(team.probability)}" for team in fewer) + "."
+        """The answer with what stays open, what to type next, and what it stands on."""
+        question, best, shown = self.question, self.smallest, self.smallest or self.teams[-1]
+        fewer = [team for team in self.teams if best is None or team.robots < best.robots]
+        undecided = [team for team in fewer if team.is_enough is None]
+        fact = (
+            f"{question.guards(shown.robots)} an intruder within {question.within_s:g} s with probability "
+            f"{_text(shown.probability)}"
+        )
+        if best is None:
+            fact = f"No team is {'shown to be ' * bool(undecided)}enough: {fact}"
+        elif fewer:
+            fact += f"; {fewer[-1].robots} {_do(fewer[-1])} with {_text(fewer[-1].probability)}"
+        if undecided:
+            which = " or ".join(str(team.robots) for team in undecided)
+            fact += f"; whether {which} {'is' if which == '1' else 'are'} enough stays open"
+        advice = []
+        if undecided:
+            trials = MORE_TRIALS * undecided[0].probability.n
+            advice.append(f"--trials {trials} makes the intervals half as long.")
+        if best is None:
+            sizes = [*(team.robots for team in self.teams), shown.robots + MORE_ROBOTS]
+            advice.append(f"--robots {','.join(map(str, sizes))} adds a larger team.")
         return [
-            f"{self.question.guards(shown.robots)} an intruder within {self.question.within_s:g} s with "
-            f"probability {_text(shown.probability)}{end}",
-            *(
-                f"{team.probability.n} trials cannot tell whether {team.robots} are enough: "
-                f"{_text(team.probability)}."
-                for team in self.teams
-                if team.is_enough is None
-            ),
-            f"Intervals hold 95 %; a team is called enough, or not, wrongly with a probability of at most "
-            f"{100 * ALPHA:g} %.",
+            f"{fact}.",
+            *([" ".join(advice)] if advice else []),
+            f"A team is enough where its whole interval is at or above {question.probability:g}, not enough "
+            f"where it is below, and open otherwise ({SHARE_METHOD}, for each team by itself).",
         ]
 
     @property
     def table(self) -> Table:
-        """A row for each team size that was tried."""
+        """A row for each team size."""
         rows: list[Mapping[str, Cell]] = [
             {
                 "robots": team.robots,
@@ -133,7 +142,7 @@ class Answer(NamedTuple):
                 "successes": sum(not math.isnan(time_s) for time_s in team.time_s.values()),
                 "probability": team.probability,
                 "median_s": _median([*team.time_s.values()]),
-                "enough": {True: "yes", False: "no", None: "open"}[team.is_enough],
+                "enough": IS_ENOUGH[team.is_enough],
             }
             for team in self.teams
         ]
@@ -184,145 +193,80 @@ def ask(question: Question) -> tuple[Question, Arena, list[str]]:
             question = replace(question, entrances="anywhere")
             notes.append("the outer wall has no gap: intruders start anywhere")
     try:
-        _entrances_of(question)
+        place = {"arena": question.arena, "start_at": question.entrances, "escape_distance_m": 0.0}
+        _ = LabyrinthParameters.of(**place).entrances
     except InputError as error:
         where = str(error).removeprefix("parameters: ").replace("start_at", "--intruders")
         raise InputError(f"{question.arena}: cannot be guarded: {where}") from error
     return question, found.arena, notes
 
 
-def _entrances_of(question: Question) -> list[Point]:
-    """Raises InputError."""
-    start_at = question.entrances or "anywhere"
-    return LabyrinthParameters.of(arena=question.arena, start_at=start_at, escape_distance_m=0.0).entrances
-
-
-def campaign_of(question: Question, arena: Arena, robots: int, trials: int) -> Campaign:
-    """The trials of one team size. Raises InputError: a parameter is no good."""
-    places = _entrances_of(question)
-    floor = free_space(arena, GOAL_CLEARANCE_M).grid
-    rows, columns = np.nonzero(floor.data)
-    cells = np.stack((floor.x_centers[columns], floor.y_centers[rows]), axis=-1)
-    starts = np.array(places) if places else cells[:: max(1, len(cells) // 200)]
-    # its way leads through at least half of the building, wherever it starts
-    far_m = min(float(lengths(cells - start).max()) for start in starts)
-    parameters: dict[str, Scalar] = {
-        **{"engine": "fast", "arena": question.arena, "robots": robots, "intruders": 1},
+def campaign_of(question: Question) -> Campaign:
+    """The packaged campaign with what the question asks for. Raises InputError: a parameter is no good."""
+    changes: dict[str, Values] = {
+        "arena": question.arena,
         "start_at": question.entrances or "anywhere",
-        "escape_distance_m": round(min(USUAL_ESCAPE_M, far_m / 2.0), 2),
         "time_limit_s": question.within_s,
-        **({} if question.capture else {"capture": "detected"}),
+        **({} if question.robots is None else {"robots": question.robots}),
+        **({"capture": "within"} if question.capture else {}),
         **question.parameters,
     }
-    values = {"experiment": "labyrinth", "name": f"robots-{robots}", "parameters": parameters}
-    return definition.parse_campaign({**values, "trials": trials, "base_seed": question.base_seed}, "size")
+    packaged = load_campaign(campaign_file(CAMPAIGN))
+    return override(packaged, changes, trials=question.trials, base_seed=question.base_seed)
 
 
-def cost_of(question: Question, arena: Arena, jobs: int | None = None) -> tuple[float, float]:
-    """Estimated wall time of a search that is clear at once, and of one that is never clear, seconds."""
-
-    def wall_s(sizes: Sequence[int], trials: int) -> float:
-        asked = [campaign_of(question, arena, robots, trials) for robots in sizes]
-        return math.fsum(
-            runner.plan(definition.resolve(one, registry), NOWHERE, jobs=jobs).wall_s for one in asked
-        )
-
-    return wall_s((1, 2, 4, 3), BATCH), wall_s((1, 2, 4, 8, 6, 5), question.most_trials)
-
-
-def _fits(question: Question, arena: Arena, robots: int) -> bool:
-    """Whether a team has room at its starts, and the intruder beside it, in the first trials."""
-    first, intruders = question.base_seed, int(question.entrances == "anywhere")
-    try:
-        for seed in range(first, first + BATCH):
-            place(arena, seed, robots, intruders)
-    except InputError:
-        return False
-    return True
+def plan_of(question: Question, directory: Path, jobs: int | None = None, fresh: bool = False) -> Plan:
+    """What :func:`size` would run. Raises InputError as that does."""
+    return plan(resolve(campaign_of(question), registry), directory, jobs=jobs, fresh=fresh)
 
 
 def size(
-    question: Question,
-    arena: Arena,
-    directory: Path,
-    *,
-    jobs: int | None = None,
-    fresh: bool = False,
-    note: Callable[[str], None] = lambda text: None,
+    question: Question, directory: Path, *, jobs: int | None = None, fresh: bool = False, **more: Any
 ) -> Answer:
-    """Try teams of 1, 2, 4, 8 ... guards, then those between the last two; a size at a time.
+    """Run the campaign of a question, or what is left of it, and answer.
 
     Args:
         question: of :func:`ask`.
-        arena: of :func:`ask`.
-        directory: a folder for each team size goes there; trials that are there are not run again.
+        directory: for the campaign's store; trials that are there are not run again.
         jobs: worker processes, all cores unless given.
         fresh: run all trials anew.
-        note: receives a line after each batch of trials.
+        more: ``compiling`` and ``progress`` of :func:`workflows.campaigns.run_resolved`.
 
     Raises:
-        InputError: a parameter is no good, or a folder has trials of another question.
+        InputError: a parameter is no good, or the folder has trials of another question.
         MidnetBenchError: a trial failed.
     """
-    teams: dict[int, Team] = {}
-
-    def is_enough(robots: int) -> bool:
-        teams[robots] = _tried(question, arena, directory / f"robots-{robots}", robots, jobs, fresh, note)
-        return teams[robots].is_enough is True
-
-    low, high = 0, 1
-    while not is_enough(high):
-        larger = range(min(2 * high, MOST_ROBOTS), high, -1)
-        most = next((robots for robots in larger if _fits(question, arena, robots)), high)
-        if most == high:
-            break
-        low, high = high, most
-    while high - low > 1 and teams[high].is_enough:
-        middle = (low + high) // 2
-        low, high = (low, middle) if is_enough(middle) else (middle, high)
-    starts = _starts(question, arena, max(teams.values(), key=lambda team: len(team.time_s)))
-    return Answer(question, [teams[robots] for robots in sorted(teams)], starts)
+    resolved = resolve(campaign_of(question), registry)
+    more |= {"jobs": jobs, "backend": "loky", "fresh": fresh, "retry_failed": False}
+    outcome = run_resolved(resolved, directory, **more)
+    results = load_results(directory, registry.tables_of)
+    if outcome.failed:
+        raise MidnetBenchError(f"{directory}: a trial failed: {results.failures['reason'].iloc[0]}")
+    return answer(question, results)
 
 
-def _tried(
-    question: Question,
-    arena: Arena,
-    folder: Path,
-    robots: int,
-    jobs: int | None,
-    fresh: bool,
-    note: Callable[[str], None],
-) -> Team:
-    """Run batches of trials of one team size until they can tell, or are the most."""
-    test = SequentialTest(question.probability, question.most_trials)
-    is_there = (folder / FILE_NAME).exists() and not fresh
-    stored, done = load_results(folder).definition.trials if is_there else 0, 0
-    for trials in itertools.count(BATCH, BATCH):
-        if trials > done:
-            begins, done = done == 0, max(trials, stored)
-            campaign = campaign_of(question, arena, robots, done)
-            outcome = run_campaign(campaign, folder, jobs=jobs, fresh=fresh and begins)
-            if outcome.failed:
-                reasons = load_results(folder, registry.tables_of).failures["reason"]
-                raise MidnetBenchError(f"{folder}: a trial failed: {reasons.iloc[0]}")
-        frame = load_results(folder, registry.tables_of).table("intruders")
-        frame = frame[frame["seed"] < question.base_seed + trials]
-        times_s = dict(zip(frame["seed"].tolist(), frame["caught_at_s"].tolist(), strict=True))
-        successes = int(frame["caught_at_s"].notna().sum())
-        is_enough = test.decision(successes, trials)
-        said = {True: ": enough", False: ": not enough", None: ""}[is_enough]
-        note(f"{question.guards(robots)} it in {successes} of {trials} trials{said}")
-        if test.is_over(successes, trials):
-            return Team(robots, times_s, test.interval(successes, trials), is_enough)
-    raise AssertionError
+def answer(question: Question, results: Results) -> Answer:
+    """What the finished trials of a campaign say."""
+    frame = results.table("intruders")
+    teams = []
+    for robots, own in frame.groupby("robots"):
+        times_s = dict(zip(own["seed"].tolist(), own["caught_at_s"].tolist(), strict=True))
+        estimate = share([float(not math.isnan(time_s)) for time_s in times_s.values()])
+        is_enough = None
+        if estimate.low >= question.probability or estimate.high < question.probability:
+            is_enough = estimate.low >= question.probability
+        teams.append(Team(int(str(robots)), times_s, estimate, is_enough))
+    shown = next((team for team in teams if team.is_enough), teams[-1])
+    return Answer(question, teams, _starts(results, shown))
 
 
-def _starts(question: Question, arena: Arena, team: Team) -> dict[int, Point]:
-    """Where the intruder of each seed starts; no team size changes it."""
+def _starts(results: Results, team: Team) -> dict[int, Point]:
+    """Where the intruder of each seed of a team starts."""
     from midnet_bench.experiments.labyrinth.trial import layout_of
 
-    campaign = campaign_of(question, arena, team.robots, BATCH)
-    parameters = LabyrinthParameters.parse(campaign.parameters, "size").with_files_read()
+    definition = results.definition
+    settings = definition.parameters_of({"robots": team.robots})
+    parameters = LabyrinthParameters.from_flat(settings)
     found = {}
     for seed in team.time_s:
         (pose,) = layout_of(parameters, seed).intruders
@@ -330,23 +274,32 @@ def _starts(question: Question, arena: Arena, team: Team) -> dict[int, Point]:
     return found
 
 
-def write(answer: Answer, arena: Arena, directory: Path) -> list[Path]:
-    """Write the tables and both figures into a folder; their paths."""
-    from midnet_bench.drawing.charts import chart_files, entrances_figure, times_figure
+def figures(answer: Answer, arena: Arena) -> dict[str, "Figure"]:
+    """Stem of its files -> the share of intruders found over time, and how long they take by their start."""
+    from midnet_bench.drawing.charts import entrances_figure, times_figure
 
-    written = [*answer.table.write(directory), *answer.places.write(directory)]
-    question = answer.question
-    times_s = {team.robots: [*team.time_s.values()] for team in answer.teams}
-    team = answer.smallest or answer.teams[-1]
+    question, shown = answer.question, answer.smallest or answer.teams[-1]
+    curves = {
+        f"{team.robots} guard{'s' * (team.robots != 1)}: {WORDS[team.is_enough]}": (
+            [*team.time_s.values()],
+            team.probability,
+        )
+        for team in answer.teams
+    }
     places = pd.DataFrame([dict(row) for row in answer.places.rows])
     outlines = [solid.outline for solid in (*arena.wall_solids(), *arena.placed_solids())]
-    figures = {
-        "probability_over_time": times_figure(
-            times_s, question.within_s, question.probability, question.done
-        ),
-        "entrances": entrances_figure(outlines, places, team.robots, question.within_s, question.done),
+    return {
+        "probability_over_time": times_figure(curves, question.within_s, question.probability, question.done),
+        "entrances": entrances_figure(outlines, places, shown.robots, question.within_s, question.done),
     }
-    for name, figure in figures.items():
+
+
+def write(answer: Answer, arena: Arena, directory: Path) -> list[Path]:
+    """Write the tables and both figures into a folder; their paths."""
+    from midnet_bench.drawing.charts import chart_files
+
+    written = [*answer.table.write(directory), *answer.places.write(directory)]
+    for name, figure in figures(answer, arena).items():
         for ending, content in chart_files(figure).items():
             write_atomically(directory / f"{name}{ending}", content)
             written.append(directory / f"{name}{ending}")
@@ -357,6 +310,10 @@ def _median(times_s: list[float]) -> float:
     """NaN if half of the trials have no time; those without one are later than all others."""
     middle = float(np.median([math.inf if math.isnan(one) else one for one in times_s]))
     return middle if math.isfinite(middle) else math.nan
+
+
+def _do(team: Team) -> str:
+    return "does" if team.robots == 1 else "do"
 
 
 def _text(one: Estimate) -> str:

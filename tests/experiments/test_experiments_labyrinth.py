@@ -67,6 +67,34 @@ def test_who_is_not_come_close_to_is_not_caught_and_gone_at_his_escape() -> None
 
 
 @pytest.mark.slow
+def test_an_intruder_that_drives_on_at_its_escape_stays_until_the_time_is_up() -> None:
+    unseen = {"capture_distance_m": 0.01, "pursuit": "none"}
+    tables, places = {}, {}
+    for at_escape in ("leaves", "drives_on"):
+        with LabyrinthTrial(corridor(at_escape=at_escape, **unseen), 5) as trial:
+            intruder = trial.intruders[0]
+            places[at_escape] = [trial.world.pose(intruder.index) for _ in trial.frames()]
+            heads_for = trial.outcomes[intruder.index].escape
+            assert trial.world.active[intruder.index] == (at_escape == "drives_on")
+        tables[at_escape] = run_labyrinth(corridor(at_escape=at_escape, **unseen), 5).tables
+    first, second = (tables[name]["intruders"][0] for name in ("leaves", "drives_on"))
+    assert (first["outcome"], second["outcome"]) == ("escaped", "at large")
+    assert math.isnan(float(second["escaped_at_s"]))
+    assert math.isnan(float(second["left_at_s"]))
+    assert (tables["drives_on"]["trial"][0]["ended"], tables["drives_on"]["trial"][0]["escaped"]) == (
+        "time limit",
+        0,
+    )
+    # the same way to the first escape, where one is taken out, then on to other places
+    assert first["straight_m"] == second["straight_m"]
+    way = places["leaves"][:-1]
+    assert len(way) > 100
+    assert places["drives_on"][: len(way)] == way
+    assert int(tables["drives_on"]["robots"][-1]["goals_reached"]) >= 2
+    assert math.dist(heads_for, (way[-1].x, way[-1].y)) > 0.3
+
+
+@pytest.mark.slow
 def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going(
     leaves: dict[str, list[Row]],
 ) -> None:

@@ -1,4 +1,4 @@
-"""``size``: the smallest team for a building, by real trials of some seconds."""
+"""``size``: the smallest team for a building, by real trials of some seconds and by trials written down."""
 
 import json
 from pathlib import Path
@@ -7,22 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.analysis import sample_size
+from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.free_space import doors
+from midnet_bench.drawing.charts import drawn_data
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import layout_of
 from midnet_bench.workflows import size
 from tests.cli.command import midnet_bench, one_line_of_complaint, worked
+from tests.stores import labyrinth_store
 
-QUICK = ("--within", 1, "--trials", 10, "--set", "engine=fast", "-q")
-
-
-@pytest.fixture(autouse=True)
-def _small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A look after every five trials instead of forty."""
-    monkeypatch.setattr(sample_size, "BATCH", 5)
-    monkeypatch.setattr(size, "BATCH", 5)
+QUICK = ("--within", 1, "--trials", 3, "--robots", "1,2", "-q")
+FOUND = {1: 10, 2: 34, 3: 40}  # of 40 intruders by so many guards
 
 
 def room(folder: Path, *, closed: bool = False) -> str:
@@ -37,30 +33,97 @@ def room(folder: Path, *, closed: bool = False) -> str:
     return "room.yaml"
 
 
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Three team sizes with 40 trials each, as ``FOUND`` says."""
+    folder = tmp_path_factory.mktemp("size")
+    grid = {"intruders": [1], "robots": [*FOUND]}
+    labyrinth_store(
+        folder / "campaign.sqlite",
+        lambda intruders, robots, seed: int(seed <= FOUND[robots]),
+        seeds=40,
+        grid=grid,  # type: ignore[arg-type]
+    ).close()
+    return load_results(folder)
+
+
+@pytest.mark.parametrize(
+    ("probability", "enough", "first", "second"),
+    [
+        (
+            0.85,
+            ["no", "open", "yes"],
+            "3 guards find an intruder within 60 s with probability 1.00 [0.91, 1.00]; 2 do with 0.85 "
+            "[0.70, 0.93]; whether 2 are enough stays open.",
+            "--trials 160 makes the intervals half as long.",
+        ),
+        (
+            0.95,
+            ["no", "no", "open"],
+            "No team is shown to be enough: 3 guards find an intruder within 60 s with "
+            "probability 1.00 [0.91, 1.00]; whether 3 are enough stays open.",
+            "--trials 160 makes the intervals half as long. --robots 1,2,3,6 adds a larger team.",
+        ),
+        (
+            0.1,
+            ["yes", "yes", "yes"],
+            "1 guard finds an intruder within 60 s with probability 0.25 [0.14, 0.41].",
+            "A team is enough where its whole interval is at or above 0.1",
+        ),
+    ],
+)
+def test_the_answer_is_the_smallest_team_whose_interval_is_above(
+    results: Results, probability: float, enough: list[str], first: str, second: str
+) -> None:
+    answer = size.answer(size.Question("map2", probability=probability), results)
+    assert [row["enough"] for row in answer.table.rows] == enough
+    assert [row["successes"] for row in answer.table.rows] == [*FOUND.values()]
+    assert answer.sentences[0] == first
+    assert answer.sentences[1].startswith(second)
+
+
+def test_without_an_open_team_no_further_trials_are_advised(results: Results) -> None:
+    for robots, of_table in results.tables["intruders"].groupby("robots"):
+        assert of_table["caught_at_s"].notna().sum() == FOUND[int(str(robots))]
+    answer = size.answer(size.Question("map2", probability=0.995), results)
+    only = size.Answer(answer.question, answer.teams[:2], answer.entrances)
+    assert only.sentences[0].startswith("No team is enough: 2 guards find")
+    assert only.sentences[1] == "--robots 1,2,5 adds a larger team."
+
+
+def test_the_figure_marks_open_teams_and_ends_in_their_intervals(results: Results) -> None:
+    answer = size.answer(size.Question("map2", probability=0.85), results)
+    figure = size.figures(answer, load_arena("map2"))["probability_over_time"]
+    rows = drawn_data("figure", figure).rows
+    assert [row["series"] for row in rows] == ["1 guard: not enough", "2 guards: open", "3 guards: enough"]
+    for row, team in zip(rows, answer.teams, strict=True):
+        found = [row["value"], row["low"], row["high"]]
+        assert found == pytest.approx([*team.probability[:3]])
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("trials_in_this_process")
-def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: Path) -> None:
+def test_the_command_runs_a_campaign_that_goes_on_where_it_stopped(tmp_path: Path) -> None:
     arena = room(tmp_path)
     asked = ("size", arena, *QUICK, "--probability", 0.2, "-o", "answer", "--json")
     done = worked(*asked, folder=tmp_path)
     found = json.loads(done.stdout)["tables"]
-    teams = {row["robots"]: row for row in found["size"]}
-    enough = [robots for robots, row in teams.items() if row["enough"] == "yes"]
-    for row in teams.values():
+    assert [(row["robots"], row["trials"]) for row in found["size"]] == [(1, 3), (2, 3)]
+    for row in found["size"]:
         assert row["successes"] == round(row["probability"]["value"] * row["trials"])
-        assert row["probability"]["low"] <= row["probability"]["value"] <= row["probability"]["high"]
-    if enough and min(enough) > 1:
-        assert teams[min(enough) - 1]["enough"] != "yes"
-    assert sum(row["trials"] for row in found["entrances"]) == teams[min(enough or teams)]["trials"]
+    assert sum(row["trials"] for row in found["entrances"]) == 3
     for name in ("probability_over_time.png", "entrances.png", "size.csv"):
         assert (tmp_path / "answer" / name).stat().st_size > 100
 
     # the same question again runs nothing and gives the same bytes
     before = {path: path.read_bytes() for path in (tmp_path / "answer").glob("*.*")}
-    stores = {path: path.read_bytes() for path in (tmp_path / "answer").glob("*/campaign.sqlite")}
     assert worked(*asked, folder=tmp_path).stdout == done.stdout
-    assert before == {path: path.read_bytes() for path in (tmp_path / "answer").glob("*.*")}
-    assert stores == {path: path.read_bytes() for path in stores}
+    assert before == {path: path.read_bytes() for path in before}
+
+    # more trials and a larger team are added to those that are there
+    more = ("size", arena, *QUICK, "--trials", 4, "--robots", "1,2,3", "-o", "answer")
+    ahead = worked(*more, "--dry-run", folder=tmp_path)
+    assert "3 cells, 12 trials, 6 of them to run" in ahead.stdout
 
 
 @pytest.mark.parametrize(
@@ -68,8 +131,12 @@ def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: 
     [
         (("--within", 0), "--within"),
         (("--probability", 1), "--probability"),
-        (("--trials", 53), "--trials"),
+        (("--trials", 0), "--trials"),
+        (("--robots", "0,1"), "--robots 0"),
+        (("--robots", "two"), "--robots two"),
         (("--set", "robots=3"), "--set robots"),
+        (("--set", "at_escape=leaves"), "--set at_escape"),
+        (("--set", "capture=contact"), "--capture too"),
         (("--set", "foo=1"), "foo"),
         (("--intruders", "99,0"), "--intruders"),
         (("--intruders", "here"), "--intruders"),
@@ -89,7 +156,7 @@ def test_a_building_with_a_closed_room_is_refused_before_any_trial(tmp_path: Pat
 @pytest.mark.slow
 def test_a_dry_run_says_the_cost_and_runs_nothing(tmp_path: Path) -> None:
     done = worked("size", "office", "--dry-run", folder=tmp_path)
-    assert "if the answer is clear" in done.stderr
+    assert "5 cells, 500 trials, 500 of them to run" in done.stdout
     assert not (tmp_path / "results").exists()
 
 

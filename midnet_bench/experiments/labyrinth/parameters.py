@@ -76,6 +76,12 @@ class LabyrinthParameters(GuardParameters):
         "gap in the outer wall (doors), the farthest if none is escape_distance_m away.",
         source="paper: V.B, random escape locations",
     )
+    at_escape: Literal["leaves", "drives_on"] = option(
+        "leaves",
+        "What an intruder does at its escape: it has escaped and leaves the arena (leaves), or drives on to "
+        "one random free place after another, until it is caught or the time is up (drives_on).",
+        source="paper: V.B, intruders escape",
+    )
     start_at: str = option(
         "anywhere",
         "Where intruders start: any free place (anywhere), the middle of a gap in the outer wall "
@@ -153,7 +159,8 @@ class LabyrinthParameters(GuardParameters):
     @property
     def simulated_s(self) -> float:
         """About how long a trial lasts, simulated seconds: 112 in the mean of the packaged campaign."""
-        return self.time_limit_s if self.ends == "time_limit" else min(112.0, self.time_limit_s)
+        is_long = self.ends == "time_limit" or self.at_escape == "drives_on"
+        return self.time_limit_s if is_long else min(112.0, self.time_limit_s)
 
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; the arena has doors if intruders escape by them."""

@@ -33,7 +33,8 @@ class Outcome:
     """What became of one intruder; seconds since the start, NaN for what did not happen."""
 
     start: Point
-    escape: Point
+    escape: Point  # where it heads; with ``at_escape: drives_on`` each place in turn
+    straight_m: float  # from its start to its first escape
     detected_at_s: float = math.nan
     caught_at_s: float = math.nan
     escaped_at_s: float = math.nan
@@ -56,7 +57,7 @@ class Outcome:
             "caught_at_s": self.caught_at_s,
             "escaped_at_s": self.escaped_at_s,
             "left_at_s": self.left_at_s,
-            "straight_m": math.dist(self.start, self.escape),
+            "straight_m": self.straight_m,
         }
 
 
@@ -81,11 +82,13 @@ class LabyrinthTrial(GuardedArena):
         self.false_targets: set[int] = set()  # those of them whose first box was on no intruder
         self.false_pursuits = 0  # guards that pursued one of these, summed over the frames
         self.outcomes: dict[int, Outcome] = {}
+        self._escape_rngs: dict[int, np.random.Generator] = {}
         trial = proxy(self)
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
-            escape = self._escape_of(start, stream(seed, "escape", robot.name))
-            self.outcomes[robot.index] = Outcome(start, escape)
+            rng = self._escape_rngs[robot.index] = stream(seed, "escape", robot.name)
+            escape = self._escape_of(start, rng)
+            self.outcomes[robot.index] = Outcome(start, escape, math.dist(start, escape))
             robot.next_goal = lambda robot: trial._next_goal_of_intruder(robot)
 
     @property
@@ -132,7 +135,10 @@ class LabyrinthTrial(GuardedArena):
         for robot in self.present:
             outcome = self.outcomes[robot.index]
             boxes = self._boxes_on(robot, midnet)
-            has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
+            has_arrived = (
+                self._test.at_escape == "leaves"
+                and math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
+            )
             if outcome.result == "at large":
                 self._update_at_large(robot, boxes, has_arrived, now_s)
             is_taken_out = outcome.result == "caught" and self._test.after_capture == "leaves"
@@ -218,8 +224,13 @@ class LabyrinthTrial(GuardedArena):
         return candidates[int(rng.integers(len(candidates)))]
 
     def _next_goal_of_intruder(self, robot: MobileRobot) -> Point | None:
-        has_set_out = self.fleet.time_s >= self._test.intruder_wait_s
-        return self.outcomes[robot.index].escape if has_set_out else None
+        """Its escape; under ``at_escape: drives_on`` one free place after another from there on."""
+        if self.fleet.time_s < self._test.intruder_wait_s:
+            return None
+        outcome = self.outcomes[robot.index]
+        if robot.goals_set and self._test.at_escape == "drives_on":
+            outcome.escape = self._free.draw(self._escape_rngs[robot.index])
+        return outcome.escape
 
     def _flee(self) -> None:
         """Send intruders that a guard comes close to where no guard is near (item 57)."""

@@ -11,8 +11,8 @@ from midnet_bench.analysis.statistics import mean
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import experiment_of
-from midnet_bench.workflows import compare as module
-from midnet_bench.workflows.compare import rank, write_ranking
+from midnet_bench.workflows import ranking as module
+from midnet_bench.workflows.ranking import rank, write_ranking
 
 SEEDS = range(1, 7)
 

@@ -13,7 +13,7 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.campaign.definition import Definition, load_campaign, resolve
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.registry import tables_of
-from midnet_bench.workflows import standing
+from midnet_bench.workflows import ranking
 from tests.cli.command import Done, rows, worked
 
 SHORT = ("--seeds", 1, "--seed", 9101, "--frames", 2, "--jobs", 1, "-q")
@@ -39,7 +39,7 @@ def ground(tmp_path: Path, trials_in_this_process: None) -> Iterator[Path]:
     """A folder with a detector, where short results of two shipped detectors are the committed ones."""
     (tmp_path / "mine.py").write_text(MINE)
     run(tmp_path, "--detector", "midnet,subtraction", "-o", "reference")
-    with mock.patch.object(standing, "reference_folder", return_value=tmp_path / "reference"):
+    with mock.patch.object(ranking, "reference_folder", return_value=tmp_path / "reference"):
         yield tmp_path
 
 
@@ -64,28 +64,33 @@ def test_ones_own_detector_stands_among_the_shipped_ones_and_a_shipped_one_is_co
     frame.to_csv(path, index=False)
     again = worked("report", "mine", "-q", folder=ground)
     assert own["digest"] in again.stdout
-    assert (ground / "mine" / "leaderboard.md").read_text(encoding="utf-8").startswith("# Leaderboard\n")
+    page = (ground / "mine" / "leaderboard.md").read_text(encoding="utf-8")
+    assert page.startswith("# Leaderboard\n")
+
+    ranked = worked("compare", "--rank", "mine", "-o", "page.md", "-q", folder=ground)
+    assert "mine.py:Mine (yours)" in ranked.stdout
+    assert (ground / "page.md").read_text(encoding="utf-8") == page
     assert "midnet: scores differ from the committed ones" in again.stdout
 
 
 def test_the_packaged_campaign_keeps_to_the_protocol_of_the_committed_results_and_a_changed_one_not() -> None:
     campaign = load_campaign(DOCS.parent / "campaigns" / "standard.yaml")
     definition = resolve(campaign, registry).definition
-    assert standing.is_standard(definition)
+    assert ranking.is_standard(definition)
     own = {"fusion": "none", "obstacle_range_m": definition.parameters["obstacle_range_m"]}
-    assert standing.is_standard(replace(definition, parameters={**definition.parameters, **own}))
+    assert ranking.is_standard(replace(definition, parameters={**definition.parameters, **own}))
     other = {"obstacle_range_m": 2.0}
-    assert not standing.is_standard(replace(definition, parameters={**definition.parameters, **other}))
+    assert not ranking.is_standard(replace(definition, parameters={**definition.parameters, **other}))
 
 
 @pytest.mark.slow
 def test_the_committed_page_is_made_of_the_committed_results() -> None:
-    folder = standing.reference_folder()
+    folder = ranking.reference_folder()
     results = load_results(folder, tables_of)
     definition = Definition.from_json((folder / "configuration.json").read_text())
-    assert standing.is_standard(definition)
-    table = standing.standing(results, standing._stored_costs(folder))
-    assert standing.page(table) == (DOCS / "leaderboard.md").read_text(encoding="utf-8")
+    assert ranking.is_standard(definition)
+    table = ranking.standard_table(results)
+    assert ranking.standard_page(table) == (DOCS / "leaderboard.md").read_text(encoding="utf-8")
     assert json.loads((folder / "provenance.json").read_text())[0]["command"].startswith(
         "midnet-bench run standard"
     )
