@@ -22,6 +22,8 @@ INSCRIBED = 253  # the robot's centre here means contact, whatever its heading
 LETHAL = 254  # an obstacle is in this cell
 NO_INFORMATION = 255
 
+_SMALL_CELLS = 128 * 128  # a window of 6.4 m; in larger ones most cells are far from any mark
+
 PUBLISHED = np.array([0, *(1 + 97 * np.arange(252) // 251), 99, OCCUPIED, UNKNOWN], dtype=np.int8)
 """(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
 
@@ -79,7 +81,7 @@ class Costmap:
     def costs(self) -> Cells:
         """(H, W) uint8 costs, row 0 lowest y; computed on first use after a change. Not to be written to."""
         if self._costs is None:
-            self._costs = np.asarray(inflate(self._obstacles(), self._inflation))
+            self._costs = self._inflated()
         return self._costs
 
     @property
@@ -170,6 +172,10 @@ class Costmap:
         """(H, W) uint8: what is inflated."""
         return self.marks
 
+    def _inflated(self) -> Cells:
+        """(H, W) uint8 costs of :meth:`_obstacles`."""
+        return np.asarray(inflate(self._obstacles(), self._inflation))
+
 
 def _moved(
     old: npt.NDArray[Any], right: int, up: int, width: int, height: int, unseen: float
@@ -196,6 +202,18 @@ class RollingCostmap(Costmap):
     def __init__(self, settings: CostmapSettings, lattice_origin: Point = (0.0, 0.0)) -> None:
         side = max(1, round(settings.size_m / settings.resolution))
         super().__init__(settings, side, side, lattice_origin)
+
+    def _inflated(self) -> Cells:
+        """The same costs; of a large window only what surrounds its marks is looked at for them."""
+        if self.marks.size <= _SMALL_CELLS:
+            return super()._inflated()
+        costs = self.marks.copy()
+        reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
+        rows, columns = (np.flatnonzero(has) for has in lethal_lines(self.marks))
+        if len(rows):
+            near = tuple(slice(max(0, each[0] - reach), each[-1] + 1 + reach) for each in (rows, columns))
+            costs[near] = inflate(np.ascontiguousarray(self.marks[near]), self._inflation)
+        return costs
 
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)
@@ -454,6 +472,22 @@ def integrate_scan(
     for i in range(count):
         flat[marked[i]] = LETHAL
     return marked[:count]
+
+
+@njit
+def lethal_lines(cells: Cells) -> tuple[Cells, Cells]:
+    """((H,), (W,)) uint8: above 0 for the rows and the columns of (H, W) cells that have a lethal one."""
+    height, width = cells.shape
+    rows, columns = np.zeros(height, dtype=np.uint8), np.zeros(width, dtype=np.uint8)
+    for row in range(height):
+        here, found = cells[row], np.uint8(0)
+        for x in range(width):
+            found |= np.uint8(here[x] == LETHAL)
+        rows[row] = found
+        if found:
+            for x in range(width):
+                columns[x] |= np.uint8(here[x] == LETHAL)
+    return rows, columns
 
 
 @njit

@@ -225,7 +225,7 @@ def test_what_a_dead_guard_saw_last_is_left_out_after_the_time_out() -> None:
     [
         ({"dying_guards": 3}, "dying_guards: 3 of 2 guards"),
         ({"start_error_m": 0.1, "localization": "truth"}, "start_error_m"),
-        ({"lidar_hz": 7}, "lidar_hz"),
+        ({"lidar_hz": 0.1}, "lidar_hz"),
         ({"message_timeout_s": 0}, "message_timeout_s"),
     ],
 )

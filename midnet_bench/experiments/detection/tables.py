@@ -330,7 +330,8 @@ def cells_of(results: Results) -> Mapping[Team, Trials]:
         return {}
     robots, others = results.column(scores, "robots").tolist(), results.other_factors(scores, "robots")
     teams = [Team(*one) for one in zip(robots, others, strict=True)]
-    rows, paper = scores.drop(columns=results.factors), paper_of(results.definition)
+    known = [name for name in results.factors if name != "frames"]  # which the table has of itself, too
+    rows, paper = scores.drop(columns=known), paper_of(results.definition)
     return {
         team: Trials(rows[[one == team for one in teams]], paper.get(team)) for team in dict.fromkeys(teams)
     }
