@@ -17,6 +17,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters, r
 from midnet_bench.experiments.detection.tables import (
     HEADS,
     PAPER,
+    PAPER_ARENA,
     PAPER_FRAMES,
     SCORES,
     SHOWN,
@@ -174,7 +175,8 @@ def _unscored(results: Results, cells: Cells) -> list[Unscored]:
     """The cells without an intruder in range."""
     found, scores = [], results.table("scores")
     range_m = usable_range(results.definition.parameters)
-    arenas, intruders = (results.column(scores, name, "") for name in ("arena", "intruders"))
+    defaults = {"arena": PAPER_ARENA, "intruders": ""}
+    arenas, intruders = (results.column(scores, name, default) for name, default in defaults.items())
     for team, cell in cells.items():
         if not _has_scores(cell):
             row = cell.rows.index[0]
