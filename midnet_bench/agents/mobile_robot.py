@@ -54,11 +54,18 @@ class MobileRobot:
 
     def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
+        self.glance(ranges_m, lidar, time_s)
+        self.navigator.observe(self.pose, ranges_m, lidar, time_s)
+
+    def glance(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into the pose filter alone: a newer one comes before the next control cycle.
+
+        costmap_2d's observation buffer keeps the newest scan for an update, too (observation_persistence 0).
+        """
         if self.ukf is not None and self.scan_to_map is not None:
             matched = self.scan_to_map.match(self.pose, ranges_m, lidar)
             if matched is not None:
                 self.pose = self.ukf.correct_pose(*matched)
-        self.navigator.observe(self.pose, ranges_m, lidar, time_s)
 
     def drive_to(self, goal: Point) -> None:
         """Drop the goal at hand for another one, map frame, metres."""
@@ -129,9 +136,13 @@ class Guard(MobileRobot):
     def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into pose filter, navigator and detection costmaps."""
         super().observe(ranges_m, lidar, time_s)
-        self.scan = Scan(ranges_m, lidar, self.pose, time_s)
         for costmap in self.detection_costmaps:
             costmap.update(self.pose, ranges_m, lidar, time_s)
+
+    def glance(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into the pose filter, and keep it."""
+        super().glance(ranges_m, lidar, time_s)
+        self.scan = Scan(ranges_m, lidar, self.pose, time_s)
 
 
 class Dwell:

@@ -44,7 +44,7 @@ class ScanTicks(NamedTuple):
 
 
 ScanCallback = Callable[[Sequence[MobileRobot], Floats], None]
-"""Robots that have just taken a scan, and (m, beams) the ranges that they were given, metres."""
+"""Robots that have just taken a scan into their costmaps, and (m, beams) the ranges in it, metres."""
 
 
 class Fleet:
@@ -98,7 +98,7 @@ class Fleet:
         self._filters = UkfTeam(filters) if filters else None
         """of all robots; None: each believes its odometry"""
         self.scan_callbacks: list[ScanCallback] = []
-        """called with each scan once the robots have it"""
+        """called with each scan that goes into costmaps, once the robots have it"""
         starts = [*world.layout.robots, *world.layout.intruders]
         self._yaw_errors = np.array(
             [robot.pose.yaw - at.yaw for robot, at in zip(robots, starts, strict=True)]
@@ -155,6 +155,15 @@ class Fleet:
         """The robots whose phase comes at this tick."""
         return [one for one in self._driving if (self.world.tick - phases[one.index]) % period_ticks == 0]
 
+    def _is_last_scan(self, robot: MobileRobot) -> bool:
+        """Whether no scan of a robot comes between this tick and its next control cycle, or at that."""
+        if self._scans.ticks >= self._scans.count * self._control_ticks:
+            return True
+        tick, index = self.world.tick, robot.index
+        left = (self._control_phases[index] - tick) % self._control_ticks
+        after = tick + 1 - self._scan_phases[index]
+        return not any(self._scans.has(since) for since in range(after, after + left))
+
     def _scans_now(self, robot: MobileRobot) -> bool:
         return self._scans.has(self.world.tick - self._scan_phases[robot.index])
 
@@ -205,10 +214,18 @@ class Fleet:
             return
         lidar, time_s = self.world.robot.lidar, self.time_s
         scans = self._lidars.scan(_indices(robots), self._lidar_noise)
-        for robot, ranges in zip(robots, scans, strict=True):
-            robot.observe(ranges, lidar, time_s)
-        for callback in self.scan_callbacks:
-            callback(robots, scans)
+        kept = [self._is_last_scan(robot) for robot in robots]
+        for robot, ranges, is_kept in zip(robots, scans, kept, strict=True):
+            (robot.observe if is_kept else robot.glance)(ranges, lidar, time_s)
+        if all(kept):
+            for callback in self.scan_callbacks:
+                callback(robots, scans)
+            return
+        rows = np.flatnonzero(kept)
+        if len(rows):
+            self._lidars.keep(rows)
+            for callback in self.scan_callbacks:
+                callback([robots[row] for row in rows], scans[rows])
 
     def _control(self, robots: Sequence[MobileRobot], rows: Indices) -> None:
         time_s = self.time_s
