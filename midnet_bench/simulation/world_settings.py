@@ -179,8 +179,8 @@ class SimulationSettings(Settings):
     robot: str = option(
         "burger",
         "What guards, explorers and mobile intruders are: burger or waffle (TurtleBot3), or your own "
-        "RobotModel as package.module:NAME or file.py:NAME; with another LiDAR as "
-        "burger(lidar=rplidar_a1).",
+        "RobotModel as package.module:NAME or file.py:NAME, with another LiDAR as burger(lidar=NAME); the "
+        "names are lds_01, rplidar_a1, ld06, ld19, urg_04lx, tim571 and utm_30lx.",
         source="paper: III, Turtlebot3 Burgers",
     )
     world: WorldSettings = group(WorldSettings(), "world")
