@@ -53,14 +53,14 @@ class MobileRobot:
         self.velocity = velocity
 
     def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
-        self.glance(ranges_m, lidar, time_s)
+        """Take one scan in, also into the costmaps that it drives by; ``ranges_m`` (beams,) metres."""
+        self.sense(ranges_m, lidar, time_s)
         self.navigator.observe(self.pose, ranges_m, lidar, time_s)
 
-    def glance(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into the pose filter alone: a newer one comes before the next control cycle.
+    def sense(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into the pose filter; a newer one comes before the next control cycle.
 
-        costmap_2d's observation buffer keeps the newest scan for an update, too (observation_persistence 0).
+        Of the scans between two updates costmap_2d's observation buffer keeps the newest, too.
         """
         if self.ukf is not None and self.scan_to_map is not None:
             matched = self.scan_to_map.match(self.pose, ranges_m, lidar)
@@ -133,16 +133,12 @@ class Guard(MobileRobot):
         super().cancel_goal()
         self.is_pursuing = False
 
-    def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into pose filter, navigator and detection costmaps."""
-        super().observe(ranges_m, lidar, time_s)
+    def sense(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into pose filter and detection costmaps, and keep it."""
+        super().sense(ranges_m, lidar, time_s)
+        self.scan = Scan(ranges_m, lidar, self.pose, time_s)
         for costmap in self.detection_costmaps:
             costmap.update(self.pose, ranges_m, lidar, time_s)
-
-    def glance(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into the pose filter, and keep it."""
-        super().glance(ranges_m, lidar, time_s)
-        self.scan = Scan(ranges_m, lidar, self.pose, time_s)
 
 
 class Dwell:

@@ -44,7 +44,7 @@ class ScanTicks(NamedTuple):
 
 
 ScanCallback = Callable[[Sequence[MobileRobot], Floats], None]
-"""Robots that have just taken a scan into their costmaps, and (m, beams) the ranges in it, metres."""
+"""Robots that have just taken a scan, and (m, beams) the ranges that they were given, metres."""
 
 
 class Fleet:
@@ -98,7 +98,7 @@ class Fleet:
         self._filters = UkfTeam(filters) if filters else None
         """of all robots; None: each believes its odometry"""
         self.scan_callbacks: list[ScanCallback] = []
-        """called with each scan that goes into costmaps, once the robots have it"""
+        """called with each scan once the robots have it"""
         starts = [*world.layout.robots, *world.layout.intruders]
         self._yaw_errors = np.array(
             [robot.pose.yaw - at.yaw for robot, at in zip(robots, starts, strict=True)]
@@ -214,18 +214,10 @@ class Fleet:
             return
         lidar, time_s = self.world.robot.lidar, self.time_s
         scans = self._lidars.scan(_indices(robots), self._lidar_noise)
-        kept = [self._is_last_scan(robot) for robot in robots]
-        for robot, ranges, is_kept in zip(robots, scans, kept, strict=True):
-            (robot.observe if is_kept else robot.glance)(ranges, lidar, time_s)
-        if all(kept):
-            for callback in self.scan_callbacks:
-                callback(robots, scans)
-            return
-        rows = np.flatnonzero(kept)
-        if len(rows):
-            self._lidars.keep(rows)
-            for callback in self.scan_callbacks:
-                callback([robots[row] for row in rows], scans[rows])
+        for robot, ranges in zip(robots, scans, strict=True):
+            (robot.observe if self._is_last_scan(robot) else robot.sense)(ranges, lidar, time_s)
+        for callback in self.scan_callbacks:
+            callback(robots, scans)
 
     def _control(self, robots: Sequence[MobileRobot], rows: Indices) -> None:
         time_s = self.time_s

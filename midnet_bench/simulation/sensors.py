@@ -231,12 +231,6 @@ class LidarSensors:
                 own[rngs[index].random(len(own)) < self._dropout] = np.inf
         return ranges
 
-    def keep(self, rows: Indices) -> None:
-        """Leave only those rows of the newest scan in ``newest``."""
-        assert self.newest is not None
-        (axes, ways), ranges_m, bodies = self.newest
-        self.newest = NoiseFreeScan(Beams(axes[rows], ways[rows]), ranges_m[rows], bodies[rows])
-
     def measured(self, true_ranges: Floats, rows: Indices, noise: NoiseBlocks) -> Floats:
         """(m, beams) what the LiDARs of those robots report of true ranges, inf for nothing; metres.
 

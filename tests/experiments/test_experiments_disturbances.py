@@ -75,18 +75,18 @@ def test_lidars_scan_as_often_as_set_and_control_as_ever(hz: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("hz", "scans", "into_costmaps"), [(5.5, 22, 22), (15, 60, 40), (30, 120, 40), (40, 120, 40)]
+    ("hz", "scans", "driven_by"), [(5.5, 22, 22), (15, 60, 40), (30, 120, 40), (40, 120, 40)]
 )
 def test_scans_between_control_cycles_are_of_where_the_robot_is_then(
-    hz: float, scans: int, into_costmaps: int
+    hz: float, scans: int, driven_by: int
 ) -> None:
-    """In 4 s; of several scans in one cycle the newest goes into the costmaps, as in costmap_2d."""
+    """In 4 s; of several scans in one cycle a robot drives by the newest, as in costmap_2d."""
     with trial(lidar_hz=hz, localization="truth", odometry="world") as made:
         taken, kept = [], []
         for robot in made.fleet.robots:
-            robot.glance = mock.Mock(wraps=robot.glance)  # type: ignore[method-assign]
+            robot.sense = mock.Mock(wraps=robot.sense)  # type: ignore[method-assign]
             robot.observe = mock.Mock(wraps=robot.observe)  # type: ignore[method-assign]
-            taken.append(robot.glance)
+            taken.append(robot.sense)
             kept.append(robot.observe)
         off_m: list[float] = []
         stamps: list[float] = []
@@ -101,7 +101,7 @@ def test_scans_between_control_cycles_are_of_where_the_robot_is_then(
         for _ in range(20):
             made.next_frame()
     assert {calls.call_count for calls in taken} <= {scans - 1, scans, scans + 1}
-    assert {calls.call_count for calls in kept} <= {into_costmaps - 1, into_costmaps, into_costmaps + 1}
+    assert {calls.call_count for calls in kept} <= {driven_by - 1, driven_by, driven_by + 1}
     assert max(off_m) < 1e-12
     assert not any(stamps)
 

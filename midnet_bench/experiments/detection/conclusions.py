@@ -99,7 +99,7 @@ def _scores(title: str, cells: Cells, reference: Cells) -> Table:
         for source, scores in sources.items():
             label = team_in_words(str(team)) if source == ours else ""
             texts = {score: _text(one) for score, one in scores.items()}
-            if source == ours and not _has_scores(cell):
+            if source == ours and not cell.has_scores:
                 texts = {SHOWN[0]: _boxes_alone(cell)}
             rows.append({"trial": label, "source": source, **dict.fromkeys(SHOWN, ""), **texts})
     if len({row["source"] for row in rows}) == 1:  # said in the title
@@ -157,11 +157,6 @@ class Unscored(NamedTuple):
     range_m: float | None  # in which none came near; None if cells differ in it
 
 
-def _has_scores(cell: Trials) -> bool:
-    """Whether some intruder was found or missed; else no ratio but precision is defined."""
-    return bool(cell.total("tp") + cell.total("fn"))
-
-
 def _boxes_alone(cell: Trials) -> str:
     """What stands in the place of a cell's scores."""
     return f"no intruder in range, {_false_boxes(int(cell.total('boxes')))}"
@@ -178,7 +173,7 @@ def _unscored(results: Results, cells: Cells) -> list[Unscored]:
     defaults = {"arena": PAPER_ARENA, "intruders": ""}
     arenas, intruders = (results.column(scores, name, default) for name, default in defaults.items())
     for team, cell in cells.items():
-        if not _has_scores(cell):
+        if not cell.has_scores:
             row = cell.rows.index[0]
             has_intruders = _has_intruders(str(arenas.loc[row]), intruders.loc[row])
             frames, boxes = (int(cell.total(name)) for name in ("frames", "boxes"))
@@ -226,9 +221,7 @@ def _finds(results: Results, cells: Cells) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
-        scores = {
-            team: cell.means["f1_one_to_one"].value for team, cell in cells.items() if _has_scores(cell)
-        }
+        scores = {team: cell.means["f1_one_to_one"].value for team, cell in cells.items() if cell.has_scores}
         best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
         return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
     reach_m = usable_range(results.definition.parameters)
