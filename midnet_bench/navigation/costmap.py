@@ -202,6 +202,8 @@ class RollingCostmap(Costmap):
     def __init__(self, settings: CostmapSettings, lattice_origin: Point = (0.0, 0.0)) -> None:
         side = max(1, round(settings.size_m / settings.resolution))
         super().__init__(settings, side, side, lattice_origin)
+        self._near = slice(0, 0), slice(0, 0)
+        """of a large window the rows and columns that have costs"""
 
     def _inflated(self) -> Cells:
         """The same costs; of a large window only what surrounds its marks is looked at for them."""
@@ -209,11 +211,23 @@ class RollingCostmap(Costmap):
             return super()._inflated()
         costs = self.marks.copy()
         reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
-        rows, columns = (np.flatnonzero(has) for has in lethal_lines(self.marks))
-        if len(rows):
-            near = tuple(slice(max(0, each[0] - reach), each[-1] + 1 + reach) for each in (rows, columns))
-            costs[near] = inflate(np.ascontiguousarray(self.marks[near]), self._inflation)
+        lines = [np.flatnonzero(has) for has in lethal_lines(self.marks)]
+        # without a mark no cell at all
+        ends = [(each[0] - reach, each[-1] + 1 + reach) if len(each) else (0, 0) for each in lines]
+        self._near = slice(max(0, ends[0][0]), ends[0][1]), slice(max(0, ends[1][0]), ends[1][1])
+        if len(lines[0]):
+            costs[self._near] = inflate(np.ascontiguousarray(self.marks[self._near]), self._inflation)
         return costs
+
+    def published(self) -> OccupancyGrid:
+        """See :class:`Costmap`; of a large window without unknown cells all is 0 but what surrounds marks."""
+        costs = self.costs
+        if costs.size <= _SMALL_CELLS or self.settings.track_unknown:
+            return super().published()
+        values = np.zeros(costs.shape, dtype=np.int8)
+        if costs[self._near].size:
+            values[self._near] = published(np.ascontiguousarray(costs[self._near]))
+        return OccupancyGrid(values, self.settings.resolution, self.origin)
 
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)

@@ -22,9 +22,9 @@ SCAN_HZ = 5  # The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz
 
 
 class ScanTicks(NamedTuple):
-    """Which ticks carry scans: ``count`` of every ``ticks``, as evenly as whole ticks allow."""
+    """Which ticks carry scans: ``scans`` of every ``ticks``, as evenly as whole ticks allow."""
 
-    count: int
+    scans: int
     ticks: int
 
     @classmethod
@@ -36,11 +36,11 @@ class ScanTicks(NamedTuple):
     @property
     def longest_gap(self) -> int:
         """The most ticks from a scan to the next one."""
-        return math.ceil(self.ticks / self.count)
+        return math.ceil(self.ticks / self.scans)
 
     def has(self, ticks_since_first: int) -> bool:
         """Whether a scan falls on the tick that is so long after the first one."""
-        return ticks_since_first * self.count % self.ticks < self.count
+        return ticks_since_first * self.scans % self.ticks < self.scans
 
 
 ScanCallback = Callable[[Sequence[MobileRobot], Floats], None]
@@ -69,16 +69,18 @@ class Fleet:
         self.stands = [Standstill() for _ in robots]
         hz = world.step_hz
         self._control_ticks = hz // CONTROL_HZ
-        self._scans = ScanTicks.of(settings.lidar.hz, hz)
+        self._scan_ticks = ScanTicks.of(settings.lidar.hz, hz)
         self._health_ticks = hz // SCAN_HZ
         names = [robot.name for robot in robots]
         phases = [int(stream(seed, "phase", name).integers(self._health_ticks)) for name in names]
         self._control_phases = phases
         self._scan_phases = self._drawn_scan_phases(phases, names, seed)
-        self._scans_when_controlled = self._scans.count == 1 and self._scans.ticks % self._control_ticks == 0
+        self._scans_when_controlled = (
+            self._scan_ticks.scans == 1 and self._scan_ticks.ticks % self._control_ticks == 0
+        )
         """whether scans fall into control cycles alone, as the LDS-01's do"""
-        self._localized_at = [phase - self._control_ticks for phase in phases]
-        """the tick at which each robot localised last"""
+        self._localized_at = [(phase - 1) % self._control_ticks + 1 - self._control_ticks for phase in phases]
+        """the tick at which each robot localised last; at first a period before its first control cycle"""
         self._driving = list(robots)
         """those that were neither stopped nor removed"""
         self._lidar_noise = lidars.noise([stream(seed, "lidar", name) for name in names])
@@ -128,7 +130,7 @@ class Fleet:
             if due:
                 rows = _indices(due)
                 self._localize(due, rows, 1.0 / CONTROL_HZ)
-                self._scan(self._due(self._scan_phases, self._scans.ticks))
+                self._scan(self._due(self._scan_phases, self._scan_ticks.ticks))
                 self._control(due, rows)
         else:
             scanning = [one for one in self._driving if self._scans_now(one)]
@@ -157,19 +159,19 @@ class Fleet:
 
     def _is_last_scan(self, robot: MobileRobot) -> bool:
         """Whether no scan of a robot comes between this tick and its next control cycle, or at that."""
-        if self._scans.ticks >= self._scans.count * self._control_ticks:
+        if self._scan_ticks.ticks >= self._scan_ticks.scans * self._control_ticks:
             return True
         tick, index = self.world.tick, robot.index
         left = (self._control_phases[index] - tick) % self._control_ticks
         after = tick + 1 - self._scan_phases[index]
-        return not any(self._scans.has(since) for since in range(after, after + left))
+        return not any(self._scan_ticks.has(since) for since in range(after, after + left))
 
     def _scans_now(self, robot: MobileRobot) -> bool:
-        return self._scans.has(self.world.tick - self._scan_phases[robot.index])
+        return self._scan_ticks.has(self.world.tick - self._scan_phases[robot.index])
 
     def _drawn_scan_phases(self, phases: Sequence[int], names: Sequence[str], seed: int) -> list[int]:
         """The tick of each robot's first scan: a slow LiDAR's may begin in any part of its longer period."""
-        period_ticks = self._scans.longest_gap
+        period_ticks = self._scan_ticks.longest_gap
         if period_ticks <= self._health_ticks:
             return [phase % period_ticks for phase in phases]
         cycles = math.ceil(period_ticks / self._control_ticks)

@@ -158,12 +158,12 @@ def test_evidence_takes_any_scan_and_any_map() -> None:
 
 
 @pytest.mark.parametrize("make", [MapSubtraction, CircleClusters])
-@pytest.mark.parametrize(("beams", "boxes"), [(360, 1), (354, 2)])
+@pytest.mark.parametrize(("beams", "boxes"), [(360, 2), (354, 3)])
 def test_the_first_beam_follows_the_last_one_in_a_full_turn_alone(make, beams: int, boxes: int) -> None:
-    """Two neighbours on each side of straight behind, where the field of view of 354 beams has a gap."""
+    """Two returns on each side of straight behind, where 354 beams have a gap, and some ahead."""
     step_rad = math.radians(1.0)
     lidar = LidarGeometry(beams, -step_rad * (beams - 1) / 2.0, step_rad, 0.1, 8.0, MIDDLE)
     ranges_m = np.full(beams, np.inf)
-    ranges_m[[0, 1, -2, -1]] = 1.0
+    ranges_m[[0, 1, beams // 2, beams // 2 + 1, -2, -1]] = 1.0
     (found,) = make(room(), RANGE_M).detect([seen(Scan(ranges_m, lidar, MIDDLE, 0.0))])
     assert len(found) == boxes

@@ -115,7 +115,10 @@ def test_robot_models_are_an_axis_of_the_grid_like_any_other(tmp_path: Path) -> 
     assert "trial_robot" not in results.table("scores")
     text = shown(folder)
     assert all(str(robot) in text for robot in ROBOTS)
-    assert said(folder)
+    assert said(folder)[1] == (
+        "Intruders are in range within 2.5 m (burger), 12 m (burger(lidar=rplidar_a1)), "
+        "30 m (burger(lidar=utm_30lx))."
+    )
     part = results.by_value("robot")["burger(lidar=utm_30lx)"]
     assert part.table("scores")["fn"].tolist() == [3]
 

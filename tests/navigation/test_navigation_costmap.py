@@ -546,6 +546,7 @@ def test_a_large_window_is_inflated_as_a_whole_would_be(track_unknown: bool) -> 
             costmap.marks[0, -1] = LETHAL
         whole = inflate(costmap.marks, inflation_costs(settings_of, settings_of.inflation_radius_m))
         np.testing.assert_array_equal(costmap.costs, whole)
+        np.testing.assert_array_equal(costmap.published().data, published(whole))
 
 
 def test_a_lidar_of_two_metres_sees_no_ring_of_obstacles() -> None:

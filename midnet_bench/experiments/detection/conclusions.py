@@ -30,6 +30,7 @@ from midnet_bench.experiments.detection.tables import (
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.tables import METRICS, metric_tables, usable_range
 from midnet_bench.experiments.registry import Headline
+from midnet_bench.robots.model import ROBOTS
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
@@ -223,7 +224,8 @@ def _finds(results: Results, cells: Cells) -> list[str]:
     if not teams or len(teams) > MOST_IN_WORDS:
         scores = {team: cell.means["f1_one_to_one"].value for team, cell in cells.items() if cell.has_scores}
         best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
-        return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
+        ahead = f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."
+        return [ahead, *_ranges(results)]
     reach_m = usable_range(results.definition.parameters)
     parts: list[str] = []
     for team, cell in teams.items():
@@ -244,6 +246,17 @@ def _finds(results: Results, cells: Cells) -> list[str]:
         parts.append(f"{_in_words(team.robots)}{noun} {verb} {_percent(recall)}{within}{beside}")
     text = ", ".join(parts)
     return [f"{text[0].upper()}{text[1:]}."] if text else []
+
+
+def _ranges(results: Results) -> list[str]:
+    """Up to where intruders are looked for by each robot model, where they differ in it."""
+    given, robots = results.definition.parameters, results.definition.grid.get("robot", [])
+    if usable_range(given) is not None or not all(ROBOTS.is_own(str(robot)) for robot in robots):
+        return []
+    by_robot = {str(robot): ROBOTS.make(str(robot)).lidar for robot in robots}
+    usual = DetectionParameters.usual().costmap
+    ranges = [f"{usual.of_lidar(one).obstacle_range_m:g} m ({robot})" for robot, one in by_robot.items()]
+    return [f"Intruders are in range within {', '.join(ranges)}."] if ranges else []
 
 
 def _among_runs(cells: Cells) -> list[str]:
