@@ -202,7 +202,7 @@ class SimulationSettings(Settings):
 
     @property
     def remarks(self) -> list[str]:
-        """What is other than was asked for, a line each."""
+        """Where sensors differ from their settings, a line each."""
         asked, most = self.lidar.hz, self.world.step_hz
         if asked <= most:
             return []
