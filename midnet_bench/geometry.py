@@ -167,6 +167,26 @@ class LidarGeometry:
         """(beams, 2) unit vector along each beam in the sensor frame."""
         return _elementary().directions(self.angles_rad)
 
+    @cached_property
+    def is_full_turn(self) -> bool:
+        """Whether the beams go all round: the first one follows the last one as the others do."""
+        gap_rad = 2.0 * math.pi - abs(self.angle_increment_rad) * (self.beams - 1)
+        return gap_rad < 1.5 * abs(self.angle_increment_rad)
+
+    def covers(self, sensor: Pose2D, points: Floats) -> Booleans:
+        """(n,) which of (n, 2) points lie in the field of view of a sensor at a pose of the same frame.
+
+        A field of view ends half a beam beyond its first and its last beam.
+        """
+        if self.is_full_turn:
+            return np.ones(len(points), dtype=np.bool_)
+        half_rad = abs(self.angle_increment_rad) * self.beams / 2.0
+        middle_rad = self.angle_min_rad + self.angle_increment_rad * (self.beams - 1) / 2.0
+        middle = sensor.compose(Pose2D(0.0, 0.0, middle_rad)).direction
+        to_points = np.asarray(points) - sensor[:2]
+        along = to_points[:, 0] * middle[0] + to_points[:, 1] * middle[1]
+        return np.asarray(along >= lengths(to_points) * _elementary().cos(half_rad))
+
 
 class Scan(NamedTuple):
     """sensor_msgs/LaserScan, and where the robot took itself to be then."""

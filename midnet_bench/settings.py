@@ -165,8 +165,9 @@ class Leaf:
 
     @property
     def kind(self) -> Any:
-        """Its type annotation without ``| None``."""
-        return get_args(self.annotation)[0] if self.takes_none else self.annotation
+        """Its type annotation without ``| None``; float where whole numbers may stay whole."""
+        kind = get_args(self.annotation)[0] if self.takes_none else self.annotation
+        return float if kind == int | float else kind
 
     @property
     def takes_none(self) -> bool:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.geometry import Box, Pose2D, mean_point
+from midnet_bench.geometry import Box, LidarGeometry, Pose2D, mean_point
 
 COORDINATE = st.floats(-50.0, 50.0)
 ANGLE = st.floats(-3.1, 3.1)
@@ -69,3 +69,32 @@ def test_a_mean_point_is_the_same_to_the_bit_in_any_order(
     middle = mean_point(np.array(points))
     assert mean_point(np.array(shuffled)).tobytes() == middle.tobytes()
     assert middle == pytest.approx(np.mean(points, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("beams", "increment_deg", "is_full"),
+    [(360, 1.0, True), (361, 1.0, True), (455, 360.0 / 455, True), (300, 1.0, False), (1081, 0.25, False)],
+)
+def test_a_full_turn_is_told_by_the_gap_behind_the_last_beam(
+    beams: int, increment_deg: float, is_full: bool
+) -> None:
+    for sign in (1.0, -1.0):
+        lidar = LidarGeometry(
+            beams, 0.3, sign * math.radians(increment_deg), 0.1, 10.0, Pose2D(0.0, 0.0, 0.0)
+        )
+        assert lidar.is_full_turn == is_full
+        everywhere = np.random.default_rng(1).uniform(-5.0, 5.0, (100, 2))
+        assert lidar.covers(Pose2D(0.0, 0.0, 1.0), everywhere).all() == is_full
+
+
+@pytest.mark.parametrize("increment_deg", [1.0, -1.0])
+def test_a_field_of_view_ends_half_a_beam_beyond_its_beams(increment_deg: float) -> None:
+    first_deg = -120.0 if increment_deg > 0 else 120.0
+    lidar = LidarGeometry(
+        241, math.radians(first_deg), math.radians(increment_deg), 0.1, 10.0, Pose2D(0.0, 0.0, 0.0)
+    )
+    sensor = Pose2D(2.0, -1.0, 2.5)
+    for off_deg, seen in ((0.0, True), (120.4, True), (-120.4, True), (120.6, False), (-120.6, False)):
+        way = 2.5 + math.radians(off_deg)
+        point = (2.0 + 3.0 * math.cos(way), -1.0 + 3.0 * math.sin(way))
+        assert lidar.covers(sensor, np.array([point])).tolist() == [seen], off_deg

@@ -6,9 +6,10 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
@@ -72,16 +73,50 @@ def test_options_of_what_comes_with_the_package_have_ranges(point: ExtensionPoin
     """Both ends are taken, and what lies beyond is refused by name."""
     if (place := point.own[name]) is None or not is_dataclass(kind := load_reference(place)):
         return
+    kinds = get_type_hints(kind)
     for one in fields(kind):
         if not one.init or one.default is MISSING:
             continue
+        if kinds[one.name] is bool:
+            good, bad = ("true", "false"), ("1", "0.5", "text", "null")
+            check_values(point, f"{name}({one.name}=", good, bad, one.name)
+            continue
         low = one.metadata["limits"].get("ge", 1e-9)  # the others are above 0
         high = one.metadata["limits"]["le"]
-        for value in (low, high):
-            point.pinned(f"{name}({one.name}={value})")
-        for value in (low - 1, high + 1, "text", "true"):
-            with pytest.raises(InputError, match=f"{one.name}: "):
-                point.pinned(f"{name}({one.name}={value})")
+        bad = (low - 1, high + 1, "text", "true")
+        check_values(point, f"{name}({one.name}=", (low, high), bad, one.name)
+
+
+def check_values(
+    point: ExtensionPoint, start: str, good: Iterable[object], bad: Iterable[object], key: str
+) -> None:
+    """Which values an option takes; ``start``: what stands before them."""
+    for value in good:
+        point.pinned(f"{start}{value})")
+    for value in bad:
+        with pytest.raises(InputError, match=f"{key}: "):
+            point.pinned(f"{start}{value})")
+
+
+def test_an_option_may_be_true_or_false(mine: Path) -> None:
+    mine.write_text(
+        "from dataclasses import dataclass\n"
+        "from midnet_bench.settings import option\n"
+        "@dataclass\n"
+        "class Mine:\n"
+        "    prior_map: object\n"
+        "    range_m: float\n"
+        "    is_fast: bool = option(False, 'Whether it hurries.')\n"
+        "    def detect(self, team):\n"
+        "        return [[] for _ in team]\n"
+    )
+    check_values(
+        DETECTORS, "mine.py:Mine(is_fast=", ("true", "false"), ("1", "0.5", "text", "null"), "is_fast"
+    )
+    for value in (True, False):
+        pinned = DETECTORS.pinned(f"mine.py:Mine(is_fast={str(value).lower()})")
+        assert DETECTORS.make(pinned, None, 2.5).is_fast is value
+        assert DETECTORS.pinned(pinned) == pinned
 
 
 def test_a_file_is_known_by_its_name_and_a_digest_of_its_bytes(mine: Path) -> None:

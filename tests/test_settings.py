@@ -233,7 +233,8 @@ def test_an_unknown_key_of_a_trial_is_refused() -> None:
     ("key", "value", "is_allowed"),
     [
         ("lidar_hz", 5, True),
-        ("lidar_hz", 3, False),
+        ("lidar_hz", 5.5, True),
+        ("lidar_hz", 0, False),
         ("lidar_hz", True, False),
         ("align", "as in a later version", True),
         ("frames", "5", False),

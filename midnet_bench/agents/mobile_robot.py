@@ -53,12 +53,19 @@ class MobileRobot:
         self.velocity = velocity
 
     def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
+        """Take one scan in, also into the costmaps that it drives by; ``ranges_m`` (beams,) metres."""
+        self.sense(ranges_m, lidar, time_s)
+        self.navigator.observe(self.pose, ranges_m, lidar, time_s)
+
+    def sense(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into the pose filter; a newer one comes before the next control cycle.
+
+        Of the scans between two updates costmap_2d's observation buffer keeps the newest, too.
+        """
         if self.ukf is not None and self.scan_to_map is not None:
             matched = self.scan_to_map.match(self.pose, ranges_m, lidar)
             if matched is not None:
                 self.pose = self.ukf.correct_pose(*matched)
-        self.navigator.observe(self.pose, ranges_m, lidar, time_s)
 
     def drive_to(self, goal: Point) -> None:
         """Drop the goal at hand for another one, map frame, metres."""
@@ -126,9 +133,9 @@ class Guard(MobileRobot):
         super().cancel_goal()
         self.is_pursuing = False
 
-    def observe(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into pose filter, navigator and detection costmaps."""
-        super().observe(ranges_m, lidar, time_s)
+    def sense(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into pose filter and detection costmaps, and keep it."""
+        super().sense(ranges_m, lidar, time_s)
         self.scan = Scan(ranges_m, lidar, self.pose, time_s)
         for costmap in self.detection_costmaps:
             costmap.update(self.pose, ranges_m, lidar, time_s)

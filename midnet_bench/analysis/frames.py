@@ -230,9 +230,10 @@ def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf 
     """
     definition = store.definition
     expected = {} if tables_of is None else tables_of(definition, directory)
+    exported = export_csv(store, folder, expected)
+    expected = _beside_factors(expected, definition)
     files = {
-        path.stem: _File(path, definition, expected.get(path.stem), is_checked=True)
-        for path in export_csv(store, folder, expected)
+        path.stem: _File(path, definition, expected.get(path.stem), is_checked=True) for path in exported
     }
     return _results(directory, definition, store.runs(), files)
 
@@ -244,7 +245,8 @@ def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
     except (OSError, ValueError) as error:
         raise InputError(f"{directory / CONFIGURATION}: is not the configuration of a campaign") from error
     keys = [*definition.grid, "seed"]
-    expected = {**({} if tables_of is None else tables_of(definition, directory)), **TIMING_TABLE}
+    known = {} if tables_of is None else tables_of(definition, directory)
+    expected = {**_beside_factors(known, definition), **TIMING_TABLE}
     files = {
         name: _File(path, definition, expected.get(name))
         for path in sorted(directory.iterdir())
@@ -264,6 +266,11 @@ def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
         raise InputError(f"{path}: cannot be read: {error}") from error
     provenance = [run for run in (runs if isinstance(runs, list) else [runs]) if isinstance(run, dict)]
     return _results(directory, definition, provenance, tables | about_trials)
+
+
+def _beside_factors(tables: Tables, definition: Definition) -> Tables:
+    """The tables as files have them, which begin with the factors of the grid."""
+    return {name: table.beside_factors(definition.grid) for name, table in tables.items()}
 
 
 def _results(

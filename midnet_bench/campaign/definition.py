@@ -27,6 +27,7 @@ from midnet_bench.campaign.trial import (
     Tables,
     TrialResult,
     TrialSpec,
+    beside,
 )
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Parameters, Spec, load_yaml, parse, read_yaml
@@ -429,6 +430,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     ]
     given = itertools.chain(campaign.parameters, campaign.grid, *campaign.variants.values())
     notes += without_effect(model, dict.fromkeys(given), cells)
+    notes += dict.fromkeys(line for parameters in checked for line in parameters.remarks)
     sharing = [Sharing(None, None)]  # a lone cell shares nothing, and what others do takes a compiler
     if len(cells) > 1:
         sharing = [experiment.sharing(parameters) for parameters in checked]
@@ -474,10 +476,10 @@ def _check_keys(campaign: Campaign, experiment: Experiment) -> None:
     if twice := sorted(set(campaign.grid) & set(campaign.parameters)):
         raise InputError(f"parameters.{twice[0]}: also a factor of the grid; keep one of the two")
     for factor, (name, table) in itertools.product(campaign.axes, experiment.columns.items()):
-        if factor in table.columns:
+        if factor in table.columns and beside(factor) in table.columns:
             raise InputError(
-                f"grid.{factor}: the table '{name}' has a column of that name; give "
-                f"{factor} one value as a parameter, and run a campaign for each value"
+                f"grid.{factor}: the table '{name}' has a column of that name and one called "
+                f"'{beside(factor)}'; rename one of the two"
             )
 
 

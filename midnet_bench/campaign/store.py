@@ -38,11 +38,13 @@ from midnet_bench.campaign.trial import (
     TIMING,
     TIMING_TABLE,
     Cell,
+    Columns,
     Outcome,
     Row,
     Scalar,
     Tables,
     TrialSpec,
+    beside,
     check_tables,
     decode_tables,
     shown,
@@ -483,15 +485,26 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
                 add(FAILURES, key, [{"trial_id": trial.trial_id, "reason": trial.reason}])
                 continue
             for name, rows in trial.tables(expected, definition.grid).items():
+                renamed = _beside_factors(rows, key, expected.get(name))
                 for row in rows:
-                    for column in row.keys() & key.keys():
+                    for column in row.keys() & key.keys() - renamed.keys():
                         if row[column] != key[column]:
                             what = f"table '{name}', column '{column}': {shown(row[column])} is another's"
                             raise trial.fault(what, definition.grid)
+                if renamed:
+                    rows = [{renamed.get(column, column): row[column] for column in row} for row in rows]
                 add(name, key, rows)
     if FAILURES not in files:
         (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
     return [directory / f"{name}.csv" for name in files]
+
+
+def _beside_factors(rows: Sequence[Row], key: Row, known: Columns | None) -> dict[str, str]:
+    """What those columns of a table are called that have the name of a factor and hold something else."""
+    own = set(rows[0] if rows else ()) & key.keys() - {"seed"}
+    if known is not None:
+        return {name: beside(name) for name in own if not known.columns[name].is_parameter}
+    return {name: beside(name) for name in own if any(row[name] != key[name] for row in rows)}
 
 
 def open_or_create(path: Path, definition: Definition) -> Store:

@@ -5,8 +5,8 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import NoneType
 from typing import NamedTuple
@@ -28,6 +28,11 @@ UNPACKED_BYTES = 8_000_000
 UNPACKED_TIMES = 12
 """tables unpack to at most ``UNPACKED_BYTES`` and so many times their packed size; ours to 8 times"""
 _WORDS = {bool: "True or False", int: "a whole number", float: "a number", str: "a text of one line"}
+
+
+def beside(column: str) -> str:
+    """What a table's own column is called in files where a factor of the grid has its name."""
+    return f"trial_{column}"
 
 
 def factor_text(name: str, value: object) -> str:
@@ -144,6 +149,7 @@ class Column:
     may_be_missing: bool = False
     """whether results may lack the column: those of releases from before it; what is run has it"""
     at_most: str | None = None  # a column of the same row, or a parameter of the trial, that no cell is above
+    is_parameter: bool = False  # whether it repeats the parameter of its name, and so the factor of a grid
     longest: int = LONGEST_TEXT  # characters of a text
     drift: Drift | None = None  # what ``compare --exact`` allows on another platform; nothing unless given
 
@@ -193,6 +199,14 @@ class Columns:
     about: str = ""  # what a row is, for ``docs/results.md``
     one_row: bool = False  # whether each trial has one row; else it has at least one
     optional: bool = False  # whether a trial may lack it
+
+    def beside_factors(self, factors: Container[str]) -> "Columns":
+        """The same in a file that begins with some factors of a grid."""
+        named = {
+            beside(name) if name in factors and not one.is_parameter else name: one
+            for name, one in self.columns.items()
+        }
+        return replace(self, columns=named)
 
 
 Tables = Mapping[str, Columns]

@@ -83,6 +83,7 @@ class MapSubtraction(_ScanDetector):
         _, points = scan.returns(self.range_m)
         points = points[self._off_m(points) > self.tolerance_m]
         apart = lengths(points - np.roll(points, 1, axis=0)) > self.gap_m
+        apart[:1] |= not scan.lidar.is_full_turn
         groups = [points[group] for group in cut_around(apart) if len(group) >= self.min_returns]
         return [extent(group, self.margin_m) for group in groups]
 
@@ -118,6 +119,7 @@ class CircleClusters(_ScanDetector):
         widening = sin(turn_rad) / sin(incidence_rad - turn_rad)
         gaps_m = lengths(points - np.roll(points, 1, axis=0))
         apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self.noise_m
+        apart[:1] |= not scan.lidar.is_full_turn
         boxes = []
         for group in cut_around(apart):
             piece = points[group[ranges_m[group] <= self.range_m]]
@@ -201,7 +203,7 @@ class RunningMean(_ScanDetector):
 def cut_around(apart: npt.NDArray[np.bool_]) -> list[Indices]:
     """Indices of returns in the beams' order, cut before each that is apart from the one before.
 
-    The last group goes on in the first, as beams go round.
+    The last group goes on in the first unless the first return is apart, too: beams of a full turn go round.
     """
     if not len(apart):
         return []

@@ -1,7 +1,8 @@
 """The columns of each experiment's tables: meaning, unit, range, and how far another platform may lie off.
 
 A trial's tables are held to them when it ends and when a store or a CSV file is read. ``docs/results.md`` and
-the bounds of ``compare --exact`` are made of them. No factor of a grid may have the name of a column.
+the bounds of ``compare --exact`` are made of them. Where a factor of a grid has the name of a column, files
+have the column as ``trial_NAME``.
 """
 
 from dataclasses import replace
@@ -73,7 +74,7 @@ PATROL = {
 
 SCORES = Columns(
     {
-        "frames": Column(int, "how many", least=1),
+        "frames": Column(int, "how many", least=1, is_parameter=True),
         **COUNTS,
         "precision": _share("Eq. 8 of the sums", drift=TENTH),
         "recall": _share("Eq. 9 of the sums", drift=TENTH),

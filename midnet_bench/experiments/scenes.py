@@ -75,7 +75,7 @@ def setup_of(trial: GuardedArena) -> Setup:
         prior=trial.prior,
         guards=len(trial.guards),
         mobile_intruders=len(trial.intruders),
-        usable_range_m=trial.parameters.costmap.obstacle_range_m,
+        usable_range_m=trial.parameters.usable_range_m,
         local_size_m=trial.parameters.local_costmap.size_m,
         frame_hz=FRAME_HZ,
         other_intruders=len(trial.crowd.members),
@@ -124,7 +124,7 @@ def _returns(guard: Guard, trial: GuardedArena) -> Floats:
     if scan is None:
         return np.empty((0, 2))
     ranges_m = np.asarray(scan.ranges_m)
-    usable = (ranges_m > 0.0) & (ranges_m <= trial.parameters.costmap.obstacle_range_m)
+    usable = (ranges_m > 0.0) & (ranges_m <= trial.parameters.usable_range_m)
     ends = ranges_m[usable, None] * directions(np.asarray(scan.lidar.angles_rad)[usable])
     return scan.pose.compose(scan.lidar.mount).transform(ends)
 

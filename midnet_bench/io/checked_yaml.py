@@ -264,6 +264,11 @@ class Parameters(Settings):
         """About how long a trial takes on one core, seconds, for an estimate before any is measured."""
         return 15.0  # a rule of thumb
 
+    @property
+    def remarks(self) -> list[str]:
+        """What a user may not expect of these parameters, a line each. Here: nothing."""
+        return []
+
     @classmethod
     def defaults(cls) -> dict[str, Scalar]:
         """The default of every flat key."""

@@ -8,7 +8,7 @@ kept (B.4).
 """
 
 import math
-from typing import NamedTuple, cast
+from typing import NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -23,6 +23,8 @@ BinaryArray = npt.NDArray[np.uint8]
 Window = tuple[int, int, int, int]
 """x1, y1, x2, y2: where the local grid lies on the prior map, in its cells; half-open, may reach outside"""
 BoxArray = Floats  # (n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame
+
+AnyGrid = TypeVar("AnyGrid", np.uint8, np.int8)
 
 OCCUPIED = 0  # black, where something is
 FREE = 255  # white, where nothing is, or nothing is known
@@ -63,7 +65,7 @@ class Crop(NamedTuple):
         """Whether the window has no cell on the prior map."""
         return self.x1_lmap == self.x2_lmap
 
-    def of_local(self, data: BinaryArray) -> BinaryArray:
+    def of_local(self, data: npt.NDArray[AnyGrid]) -> npt.NDArray[AnyGrid]:
         """The covered part of the local grid, a view."""
         return data[self.y1_lmap : self.y2_lmap, self.x1_lmap : self.x2_lmap]
 

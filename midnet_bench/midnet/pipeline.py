@@ -147,9 +147,10 @@ class MIDNet:
     def _detect(self, observation: Observation) -> tuple[BoxArray, Crop, tuple[BinaryArray, ...]]:
         """Sections IV.A and IV.B for one robot: boxes, what was compared, and A to D."""
         costmap, settings, prior = observation.costmap, self.settings, self.prior
-        local = binary_map(costmap.data, settings.thresh_local, settings.unknown)  # Eq. 1
         crop = crop_to_prior(costmap, prior, observation.pose, settings.align)  # Algorithm 1, Eqs. 2 to 4
-        a, b = crop.of_local(local), crop.of_prior(prior.data)
+        # Eq. 1 is of each cell for itself, so that the order of both steps does not matter
+        a = binary_map(crop.of_local(costmap.data), settings.thresh_local, settings.unknown)
+        b = crop.of_prior(prior.data)
         c = a if crop.is_empty else common_occupancy(a, b)  # Eq. 5
         d = a if crop.is_empty else foreground(a, c)  # Eq. 6
         boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), prior, settings.min_area_cells)  # IV.B.3, B.4

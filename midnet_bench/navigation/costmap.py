@@ -26,6 +26,8 @@ SINCE_COSTS, SINCE_PLAN = 0, 1
 """index of a rectangle of ``Costmap.touched``"""
 NOWHERE = (2**31, 2**31, 0, 0)  # a rectangle that grows to whatever it takes in
 
+_SMALL_CELLS = 128 * 128  # a window of 6.4 m; in larger ones most cells are far from any mark
+
 PUBLISHED = np.array([0, *(1 + 97 * np.arange(252) // 251), 99, OCCUPIED, UNKNOWN], dtype=np.int8)
 """(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
 
@@ -213,6 +215,32 @@ class RollingCostmap(Costmap):
     def __init__(self, settings: CostmapSettings, lattice_origin: Point = (0.0, 0.0)) -> None:
         side = max(1, round(settings.size_m / settings.resolution))
         super().__init__(settings, side, side, lattice_origin)
+        self._near = slice(0, 0), slice(0, 0)
+        """of a large window the rows and columns that have costs"""
+
+    def _inflated(self) -> Cells:
+        """The same costs; of a large window only what surrounds its marks is looked at for them."""
+        if self.marks.size <= _SMALL_CELLS:
+            return super()._inflated()
+        costs = self.marks.copy()
+        reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
+        lines = [np.flatnonzero(has) for has in lethal_lines(self.marks)]
+        # without a mark no cell at all
+        ends = [(each[0] - reach, each[-1] + 1 + reach) if len(each) else (0, 0) for each in lines]
+        self._near = slice(max(0, ends[0][0]), ends[0][1]), slice(max(0, ends[1][0]), ends[1][1])
+        if len(lines[0]):
+            costs[self._near] = inflate(np.ascontiguousarray(self.marks[self._near]), self._inflation)
+        return costs
+
+    def published(self) -> OccupancyGrid:
+        """See :class:`Costmap`; of a large window without unknown cells all is 0 but what surrounds marks."""
+        costs = self.costs
+        if costs.size <= _SMALL_CELLS or self.settings.track_unknown:
+            return super().published()
+        values = np.zeros(costs.shape, dtype=np.int8)
+        if costs[self._near].size:
+            values[self._near] = published(np.ascontiguousarray(costs[self._near]))
+        return OccupancyGrid(values, self.settings.resolution, self.origin)
 
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)
@@ -501,6 +529,22 @@ def integrate_scan(
     for i in range(count):
         flat[marked[i]] = LETHAL
     return marked[:count]
+
+
+@njit
+def lethal_lines(cells: Cells) -> tuple[Cells, Cells]:
+    """((H,), (W,)) uint8: above 0 for the rows and the columns of (H, W) cells that have a lethal one."""
+    height, width = cells.shape
+    rows, columns = np.zeros(height, dtype=np.uint8), np.zeros(width, dtype=np.uint8)
+    for row in range(height):
+        here, found = cells[row], np.uint8(0)
+        for x in range(width):
+            found |= np.uint8(here[x] == LETHAL)
+        rows[row] = found
+        if found:
+            for x in range(width):
+                columns[x] |= np.uint8(here[x] == LETHAL)
+    return rows, columns
 
 
 @njit

@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import LidarGeometry, lengths
 from midnet_bench.robots.model import Outline, RobotModel
-from midnet_bench.robots.turtlebot3 import BURGER
+from midnet_bench.robots.turtlebot3 import BURGER, LDS_01
 from midnet_bench.settings import Settings, fixed, group, option
 
 Footprint = Outline  # the corners of a convex polygon in order, (x, y) in the base frame, metres
@@ -36,6 +36,8 @@ def radii(footprint: Footprint) -> tuple[float, float]:
     return float(lengths(nearest).min()), float(lengths(corners).max())
 
 
+MAX_RANGE_M = 100.0  # of what a costmap takes from a LiDAR
+LDS_WINDOW_M = 3.5  # turtlebot3: local_costmap_params.yaml, width
 MAX_INFLATION_CELLS = 100  # what the compiled inflation can count in 16 bits
 
 
@@ -53,23 +55,25 @@ class CostmapSettings(Settings):
     resolution: float = fixed(0.05, "package: costmap_2d, resolution")
     size_m: float = option(
         5.0,
-        "Side of the square window around the robot; a costmap over a map has the map's size.",
+        "Side of the square window around the robot; a costmap over a map has the map's size. Another LiDAR "
+        "than the LDS-01: twice its range unless set.",
         ge=1,
-        le=200,
+        le=250,
         key="local_size_m",
         source="ours: holds the whole obstacle range; costmap_2d's 10 m would cost time",
     )
     centered: bool = fixed(True, "paper: IV.B.1, the robot is always in the middle of the window")
     obstacle_range_m: float = option(
         2.5,
-        "Returns nearer than this mark obstacles; for MIDNet that is the usable range.",
+        "Returns nearer than this mark obstacles; for MIDNet that is the usable range. Another LiDAR than "
+        "the LDS-01: its range unless set.",
         gt=0,
-        le=10,
+        le=MAX_RANGE_M,
         source="package: costmap_2d, obstacle_range",
     )
     raytrace_range_m: float = option(
         3.0,
-        "Beams clear obstacles up to this distance.",
+        "Beams clear obstacles up to this distance. Another LiDAR than the LDS-01: its range unless set.",
         gt=0,
         le=100,
         source="package: costmap_2d, raytrace_range",
@@ -135,6 +139,18 @@ class CostmapSettings(Settings):
         footprint = padded(robot.footprint, COSTMAP_PADDING_M)
         return replace(self, footprint=footprint, inscribed_radius_m=robot.radius_m)
 
+    def of_lidar(self, lidar: LidarGeometry) -> "CostmapSettings":
+        """The same with the whole range of another LiDAR than the LDS-01, and a window that holds it.
+
+        What TurtleBot3's files say, they say of the LDS-01 (items 6 and 7); the window of another one is
+        twice its range (IV.B.1), and never smaller than here.
+        """
+        if lidar == replace(LDS_01, mount=lidar.mount):
+            return self
+        range_m = min(lidar.range_max_m, MAX_RANGE_M)
+        side_m = max(2.0 * range_m, self.size_m if self.size_m > LDS_WINDOW_M else 1.0)
+        return self.but(obstacle_range_m=range_m, raytrace_range_m=range_m, size_m=side_m)
+
     @property
     def memory_s(self) -> float:
         """How long a mark outlives the scan that last met it, seconds; inf: until a beam passes (item 8)."""
@@ -182,7 +198,7 @@ BURGER_SOURCES = {
 _BURGER_OUTLINE = padded(BURGER.footprint, _MARGIN_M)
 
 BURGER_COSTMAP = CostmapSettings(
-    size_m=3.5,
+    size_m=LDS_WINDOW_M,
     centered=False,
     raytrace_range_m=3.5,
     inflation_radius_m=1.0,

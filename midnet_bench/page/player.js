@@ -478,8 +478,9 @@
     context.fillStyle = colours["guard-faint"];
     for (const sensor of sensors.filter((one) => one.here)) {
       for (let i = 0; i < each; i++, beam++) {
-        const range = scans.beams.rows.range[beam] * 0.02;
-        if (range >= 2.55) continue;
+        const steps = scans.beams.rows.range[beam];
+        if (steps > 127) continue;
+        const range = steps * head.beams[2];
         const angle = sensor.yaw * STEP_M + head.beams[0] + i * head.beams[1];
         const x = px(sensor.x * STEP_M + range * Math.cos(angle)), y = py(sensor.y * STEP_M + range * Math.sin(angle));
         context.fillRect(x - 1.2 * ratio, y - 1.2 * ratio, 2.4 * ratio, 2.4 * ratio);

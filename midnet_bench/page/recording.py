@@ -36,7 +36,7 @@ SCAN_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "sensors": ("guard", "here", "x", "y", "yaw"),
     "beams": ("beam", "range"),
 }
-"""the same of the scans: beams of all guards, guard by guard; ``range`` in 2 cm, 128 for none"""
+"""the same of the scans: beams of all guards, guard by guard; ``range`` in steps, 128 for none"""
 TEAM = 32  # more than there are guards
 NEAR = 40  # a box moves less than so many steps from frame to frame, along x and y together
 KINDS = ("miss", "false", "fragment")
@@ -63,8 +63,9 @@ class Recording:
     hz: float  # frames per simulated second
     robots: Sequence[tuple[str, bool]]  # name, and whether it is a guard; guards first
     body: "Sequence[Point]"  # outline of a robot about its base frame, metres
-    beams: tuple[float, float]
-    """angles of a LiDAR's first beam and from each recorded one to the next, radians"""
+    beams: tuple[float, float, float]
+    """angles of a LiDAR's first beam and from each recorded one to the next, radians, and the metres of a
+    step of ``range``"""
     words: Sequence[str]  # names of intruders and causes
     frames: Mapping[str, Sequence[Rows]]  # list -> for each frame its rows; see :data:`COLUMNS`
     scans: Mapping[str, Sequence[Rows]]  # likewise; see :data:`SCAN_COLUMNS`

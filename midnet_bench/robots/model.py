@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, cast
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Command, LidarGeometry
 from midnet_bench.plugins import Choice, ExtensionPoint
+from midnet_bench.robots.lidars import LIDARS
 
 Outline = tuple[tuple[float, float], ...]  # (x, y) of the corners in the robot's base frame, metres
 LOWEST_SOLID_M = 0.25
@@ -44,6 +45,7 @@ class RobotModel:
     mass_kg: float
     gyration_radius_m: float  # square root of its inertia about the vertical axis over its mass
     lidar: LidarGeometry
+    lidar_hz: float = 5.0  # scans a second of it; the LDS-01's unless given
     lidar_height_m: float  # of the scan plane above the floor
     seen: Disc  # all of it that is in the scan plane
     urdf: Path | None = None
@@ -131,7 +133,10 @@ def _is_inside(point: tuple[float, float], convex: Outline) -> bool:
 
 
 class RobotExtensionPoint(ExtensionPoint):
-    """Values name a :class:`RobotModel` itself. What stands in brackets replaces its numbers."""
+    """Values name a :class:`RobotModel` itself. What stands in brackets replaces its numbers or its LiDAR.
+
+    ``lidar`` names one of ``LIDARS``, which stands where the robot's own does and brings its rate.
+    """
 
     @property
     def wanted(self) -> str:
@@ -143,14 +148,26 @@ class RobotExtensionPoint(ExtensionPoint):
         if not isinstance(found, RobotModel):
             raise self._refusal(choice, f"expected {self.wanted}")
         numbers = [one.name for one in fields(found) if isinstance(getattr(found, one.name), float)]
+        changes: dict[str, Any] = {}
         for key, value in choice.options.items():
+            if key == "lidar":
+                lidar = LIDARS.get(str(value))
+                if lidar is None:
+                    hint = nearest_name(str(value), LIDARS)
+                    raise self._refusal(choice, f"lidar: '{value}' is none that has a name{hint}")
+                changes = {"lidar": lidar.at(found.lidar.mount), "lidar_hz": lidar.rate_hz, **changes}
+                continue
             if key not in numbers:
-                raise self._refusal(choice, f"no option '{key}'{nearest_name(key, numbers)}")
+                raise self._refusal(choice, f"no option '{key}'{nearest_name(key, [*numbers, 'lidar'])}")
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise self._refusal(choice, f"{key}: a number is needed (got {value!r})")
-        if found.urdf is not None and (choice.options or choice.place not in self.own):
+            changes[key] = float(value)
+        # no number of the description is a LiDAR's; the engine casts the beams
+        if found.urdf is not None and (
+            changes.keys() - {"lidar", "lidar_hz"} or choice.place not in self.own
+        ):
             found = replace(found, urdf=None)  # the description has the old numbers, or does not travel
-        return replace(found, **cast(Any, choice.options)) if choice.options else found
+        return replace(found, **cast(Any, changes)) if changes else found
 
     def make(self, value: str, *arguments: Any) -> RobotModel:
         """The robot that ``value``, a pinned one, names."""

@@ -5,21 +5,14 @@ turtlebot3_navigation's costmap_common_params_waffle.yaml and dwa_local_planner_
 Pi has the same here, but for its camera.
 """
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
-from midnet_bench.geometry import LidarGeometry, Point, Pose2D
+from midnet_bench.geometry import Point, Pose2D
+from midnet_bench.robots.lidars import LIDARS
 from midnet_bench.robots.model import Disc, Outline, RobotModel
 
-LDS_01 = LidarGeometry(
-    beams=360,
-    angle_min_rad=0.0,
-    angle_increment_rad=2.0 * math.pi / 360,
-    range_min_m=0.12,
-    range_max_m=3.5,
-    mount=Pose2D(-0.032, 0.0, 0.0),
-)
+LDS_01 = LIDARS["lds_01"].at(Pose2D(-0.032, 0.0, 0.0))
 """The LDS-01 on a Burger: 360 beams one degree apart, 0.12 to 3.5 m, 32 mm behind the axle.
 
 The spacing is the driver's 2 pi / 360; Gazebo's last beam repeats its first.

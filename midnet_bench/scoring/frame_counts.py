@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from midnet_bench.geometry import Box, Point
+from midnet_bench.geometry import Booleans, Box, Floats, Point, dense_outline, lengths
 
 InRange = Literal["edge", "centre"]
 TruePositives = Literal["every", "one_per_intruder", "surplus_false"]
@@ -26,6 +26,10 @@ class TruthObject(NamedTuple):
     name: str
     box: Box  # whatever reading of item 45 the caller takes
     center: Point  # (x, y)
+
+
+Covers = Callable[[Floats], Booleans]
+"""which of (n, 2) points lie in a sensor's field of view"""
 
 
 class FrameCounts(NamedTuple):
@@ -61,15 +65,35 @@ def touches(box: Box, other: Box) -> bool:
 
 
 def truths_in_range(
-    truths: Sequence[TruthObject], sensors: Sequence[Point], range_m: float, rule: InRange = "edge"
+    truths: Sequence[TruthObject],
+    sensors: Sequence[Point],
+    range_m: float,
+    rule: InRange = "edge",
+    views: Sequence[Covers] = (),
 ) -> list[bool]:
     """For each truth, whether it is within ``range_m`` of at least one sensor (item 46).
 
-    ``sensors``: (x, y) of each robot's, map frame, metres; ``rule``: by its nearest point, or its centre.
+    ``sensors``: (x, y) of each robot's, map frame, metres; ``rule``: by its nearest point, or its centre;
+    ``views``: the sensors' fields of view, none if all of them see all round.
     """
+    if views:
+        return [
+            any(is_in_view(truth, *sensor, range_m, rule) for sensor in zip(sensors, views, strict=True))
+            for truth in truths
+        ]
     if rule == "centre":
         return [any(math.dist(truth.center, sensor) <= range_m for sensor in sensors) for truth in truths]
     return [any(truth.box.distance_to_point(x, y) <= range_m for x, y in sensors) for truth in truths]
+
+
+def is_in_view(truth: TruthObject, sensor: Point, covers: Covers, range_m: float, rule: InRange) -> bool:
+    """Whether the truth's centre, or any point of its outline, is in range and field of view of a sensor."""
+    points = np.array([truth.center])
+    if rule == "edge":
+        left, low, right, high = truth.box
+        corners = np.array([(left, low), (right, low), (right, high), (left, high)])
+        points = np.vstack((dense_outline(corners), points))
+    return bool((covers(points) & (lengths(points - np.array(sensor)) <= range_m)).any())
 
 
 def match_frame(detections: Sequence[Box], truths: Sequence[TruthObject]) -> FrameMatch:

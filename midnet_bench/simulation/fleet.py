@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -18,6 +20,28 @@ from midnet_bench.simulation.world_settings import SimulationSettings
 
 CONTROL_HZ = 10  # Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation.
 SCAN_HZ = 5  # The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise.
+
+
+class ScanTicks(NamedTuple):
+    """Which ticks carry scans: ``scans`` of every ``ticks``, as evenly as whole ticks allow."""
+
+    scans: int
+    ticks: int
+
+    @classmethod
+    def of(cls, rate_hz: float, step_hz: int) -> Self:
+        """Of a rate in its shortest decimal form, exactly in the mean; at most one scan a tick."""
+        share = min(Fraction(str(rate_hz)) / step_hz, Fraction(1))
+        return cls(share.numerator, share.denominator)
+
+    @property
+    def longest_gap(self) -> int:
+        """The most ticks from a scan to the next one."""
+        return math.ceil(self.ticks / self.scans)
+
+    def has(self, ticks_since_first: int) -> bool:
+        """Whether a scan falls on the tick that is so long after the first one."""
+        return ticks_since_first * self.scans % self.ticks < self.scans
 
 
 ScanCallback = Callable[[Sequence[MobileRobot], Floats], None]
@@ -46,12 +70,18 @@ class Fleet:
         self.stands = [Standstill() for _ in robots]
         hz = world.step_hz
         self._control_ticks = hz // CONTROL_HZ
-        self._scan_ticks = hz // settings.lidar.hz
+        self._scan_ticks = ScanTicks.of(settings.lidar.hz, hz)
         self._health_ticks = hz // SCAN_HZ
         names = [robot.name for robot in robots]
         phases = [int(stream(seed, "phase", name).integers(self._health_ticks)) for name in names]
         self._control_phases = phases
         self._scan_phases = self._drawn_scan_phases(phases, names, seed)
+        self._scans_when_controlled = (
+            self._scan_ticks.scans == 1 and self._scan_ticks.ticks % self._control_ticks == 0
+        )
+        """whether scans fall into control cycles alone, as the LDS-01's do"""
+        self._localized_at = [(phase - 1) % self._control_ticks + 1 - self._control_ticks for phase in phases]
+        """the tick at which each robot localised last; at first a period before its first control cycle"""
         self._driving = list(robots)
         """those that were neither stopped nor removed"""
         self._lidar_noise = lidars.noise([stream(seed, "lidar", name) for name in names])
@@ -89,18 +119,30 @@ class Fleet:
         return Pose2D(*poses[robot.index].tolist())
 
     def step(self) -> Sequence[MobileRobot]:
-        """Let one tick pass: physics, then sensors and software of the robots due, which come back."""
+        """Let one tick pass: physics, then sensors and software of the robots due, which come back.
+
+        A robot localises in each of its control cycles and whenever it scans.
+        """
         world = self.world
         world.step()
         due = self._due(self._control_phases, self._control_ticks)
-        if due:
-            rows = _indices(due)
-            self._localize(due, rows)
-            self._scan(self._due(self._scan_phases, self._scan_ticks))
-            self._control(due, rows)
+        localized = due
+        if self._scans_when_controlled:
+            if due:
+                rows = _indices(due)
+                self._localize(due, rows, 1.0 / CONTROL_HZ)
+                self._scan(self._due(self._scan_phases, self._scan_ticks.ticks))
+                self._control(due, rows)
+        else:
+            scanning = [one for one in self._driving if self._scans_now(one)]
+            localized = [one for one in self._driving if one in due or one in scanning]
+            self._localize_since(localized)
+            self._scan(scanning)
+            if due:
+                self._control(due, _indices(due))
         if world.tick % self._health_ticks == 0:
             self.health.update(world.poses())
-        return due
+        return localized
 
     def stop(self, robot: MobileRobot) -> None:
         """Let a robot stand where it is, body and all; it senses and drives no more."""
@@ -116,20 +158,41 @@ class Fleet:
         """The robots whose phase comes at this tick."""
         return [one for one in self._driving if (self.world.tick - phases[one.index]) % period_ticks == 0]
 
+    def _is_last_scan(self, robot: MobileRobot) -> bool:
+        """Whether no scan of a robot comes between this tick and its next control cycle, or at that."""
+        if self._scan_ticks.ticks >= self._scan_ticks.scans * self._control_ticks:
+            return True
+        tick, index = self.world.tick, robot.index
+        left = (self._control_phases[index] - tick) % self._control_ticks
+        after = tick + 1 - self._scan_phases[index]
+        return not any(self._scan_ticks.has(since) for since in range(after, after + left))
+
+    def _scans_now(self, robot: MobileRobot) -> bool:
+        return self._scan_ticks.has(self.world.tick - self._scan_phases[robot.index])
+
     def _drawn_scan_phases(self, phases: Sequence[int], names: Sequence[str], seed: int) -> list[int]:
         """The tick of each robot's first scan: a slow LiDAR's may begin in any part of its longer period."""
-        if self._scan_ticks <= self._health_ticks:
-            return [phase % self._scan_ticks for phase in phases]
-        cycles = self._scan_ticks // self._control_ticks
+        period_ticks = self._scan_ticks.longest_gap
+        if period_ticks <= self._health_ticks:
+            return [phase % period_ticks for phase in phases]
+        cycles = math.ceil(period_ticks / self._control_ticks)
         return [
             phase % self._control_ticks
             + self._control_ticks * int(stream(seed, "scan phase", name).integers(cycles))
             for phase, name in zip(phases, names, strict=True)
         ]
 
-    def _localize(self, robots: Sequence[MobileRobot], rows: Indices) -> None:
-        """Let the robots due know where they are."""
-        elapsed_s = 1.0 / CONTROL_HZ
+    def _localize_since(self, robots: Sequence[MobileRobot]) -> None:
+        """Let robots know where they are, each after the time since it last did."""
+        tick, last = self.world.tick, self._localized_at
+        for ticks in sorted({tick - last[robot.index] for robot in robots}):
+            group = [robot for robot in robots if tick - last[robot.index] == ticks]
+            self._localize(group, _indices(group), ticks / self.world.step_hz)
+        for robot in robots:
+            last[robot.index] = tick
+
+    def _localize(self, robots: Sequence[MobileRobot], rows: Indices, elapsed_s: float) -> None:
+        """Let the robots due know where they are, ``elapsed_s`` after they last did."""
         poses, velocities = self.world.poses(), self.world.velocities(rows)
         headings = poses
         if self._has_yaw_errors:
@@ -155,7 +218,7 @@ class Fleet:
         lidar, time_s = self.world.robot.lidar, self.time_s
         scans = self._lidars.scan(_indices(robots), self._lidar_noise)
         for robot, ranges in zip(robots, scans, strict=True):
-            robot.observe(ranges, lidar, time_s)
+            (robot.observe if self._is_last_scan(robot) else robot.sense)(ranges, lidar, time_s)
         for callback in self.scan_callbacks:
             callback(robots, scans)
 

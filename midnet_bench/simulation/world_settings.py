@@ -1,8 +1,9 @@
 """What can be set of the simulated world and its sensors; nothing here needs the simulator."""
 
 import functools
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from midnet_bench.plugins import load_reference
@@ -63,8 +64,14 @@ class LidarSettings(Settings):
         key="lidar_dropout",
         source="ours: off, the paper disturbs nothing",
     )
-    hz: Literal[1, 2, 5, 10] = option(
-        5, "Scans per second of every robot's LiDAR.", key="lidar_hz", source="paper: V.A, 5 Hz"
+    hz: int | float = option(
+        5,
+        "Scans per second of every robot's LiDAR, at most one each physics step; another LiDAR than the "
+        "LDS-01 has its own rate unless this is set.",
+        ge=0.5,
+        le=1000,
+        key="lidar_hz",
+        source="paper: V.A, 5 Hz",
     )
 
 
@@ -175,7 +182,8 @@ class SimulationSettings(Settings):
     robot: str = option(
         "burger",
         "What guards, explorers and mobile intruders are: "
-        f"{ROBOTS.choices('your own RobotModel', burger='TurtleBot3', waffle='TurtleBot3')}.",
+        f"{ROBOTS.choices('your own RobotModel', burger='TurtleBot3', waffle='TurtleBot3')}, with another LiDAR as "
+        "burger(lidar=NAME); the names are lds_01, rplidar_a1, ld06, ld19, urg_04lx, tim571 and utm_30lx.",
         source="paper: III, Turtlebot3 Burgers",
     )
     world: WorldSettings = group(WorldSettings(), "world")
@@ -189,8 +197,22 @@ class SimulationSettings(Settings):
         return self.but(robot=ROBOTS.pinned(self.robot), world=world)
 
     def with_robot_of(self, values: Mapping[str, Scalar]) -> "SimulationSettings":
-        """The same with the robot of some flat keys, or as it is if they name none."""
-        return self.but(robot=str(values.get("robot", self.robot)))
+        """The same with the robot of some flat keys and its LiDAR's rate, or as it is if they name none."""
+        changed = self.but(robot=str(values.get("robot", self.robot)))
+        if changed is self or (hz := changed.robot_model.lidar_hz) == self.lidar.hz:
+            return changed
+        return replace(changed, lidar=self.lidar.but(hz=hz))
+
+    @property
+    def remarks(self) -> list[str]:
+        """Where sensors differ from their settings, a line each."""
+        asked, most = self.lidar.hz, self.world.step_hz
+        if asked <= most:
+            return []
+        return [
+            f"a LiDAR of {asked:g} Hz scans once a physics step, {most} times a second; "
+            f"step_hz={min(1000, math.ceil(asked / 10) * 10)} lets it keep its rate"
+        ]
 
     @property
     def robot_model(self) -> RobotModel:

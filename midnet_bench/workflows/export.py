@@ -148,7 +148,7 @@ class Exporter:
             )
         self._trial, self._truths, self._bag = trial, truths, bag
         self._names = [ros_name(guard.name) for guard in trial.guards]
-        self._scan_period_s = 1.0 / parameters.simulation.lidar.hz
+        self._scan_period_s = 1.0 / min(parameters.simulation.lidar.hz, trial.step_hz)
         self._begin()
         trial.tick_callbacks.append(self._stepped)
         trial.frame_callbacks.append(self._detected)

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.detectors.baselines import CircleClusters, MapSubtraction, RunningMean, cut_around
 from midnet_bench.detectors.detector_node import WallEvidence
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D, Scan
+from midnet_bench.geometry import LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid, cells_of
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.robots.turtlebot3 import LDS_01
@@ -155,3 +155,15 @@ def test_evidence_takes_any_scan_and_any_map() -> None:
     assert WallEvidence(empty, 1e-6).shares(scan).min() == 1.0
     one = scan._replace(ranges_m=np.where(np.arange(len(scan.ranges_m)) == 7, scan.ranges_m, math.inf))
     assert WallEvidence(room(), 0.005).shares(one).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("make", [MapSubtraction, CircleClusters])
+@pytest.mark.parametrize(("beams", "boxes"), [(360, 2), (354, 3)])
+def test_the_first_beam_follows_the_last_one_in_a_full_turn_alone(make, beams: int, boxes: int) -> None:
+    """Two returns on each side of straight behind, where 354 beams have a gap, and some ahead."""
+    step_rad = math.radians(1.0)
+    lidar = LidarGeometry(beams, -step_rad * (beams - 1) / 2.0, step_rad, 0.1, 8.0, MIDDLE)
+    ranges_m = np.full(beams, np.inf)
+    ranges_m[[0, 1, beams // 2, beams // 2 + 1, -2, -1]] = 1.0
+    (found,) = make(room(), RANGE_M).detect([seen(Scan(ranges_m, lidar, MIDDLE, 0.0))])
+    assert len(found) == boxes

@@ -1,7 +1,7 @@
 """Each disturbance of a guarded trial changes what it should, and nothing else."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 from unittest import mock
@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
@@ -70,6 +71,39 @@ def test_lidars_scan_as_often_as_set_and_control_as_ever(hz: int) -> None:
             made.next_frame()
     assert {calls.call_count for calls in scans} == {2 * hz}
     assert {calls.call_count for calls in cycles} == {20}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hz", "scans", "driven_by"), [(5.5, 22, 22), (15, 60, 40), (30, 120, 40), (40, 120, 40)]
+)
+def test_scans_between_control_cycles_are_of_where_the_robot_is_then(
+    hz: float, scans: int, driven_by: int
+) -> None:
+    """In 4 s; of several scans in one cycle a robot drives by the newest, as in costmap_2d."""
+    with trial(lidar_hz=hz, localization="truth", odometry="world") as made:
+        taken, kept = [], []
+        for robot in made.fleet.robots:
+            robot.sense = mock.Mock(wraps=robot.sense)  # type: ignore[method-assign]
+            robot.observe = mock.Mock(wraps=robot.observe)  # type: ignore[method-assign]
+            taken.append(robot.sense)
+            kept.append(robot.observe)
+        off_m: list[float] = []
+        stamps: list[float] = []
+
+        def scanned(robots: Sequence[MobileRobot], ranges_m: np.ndarray) -> None:
+            assert len(made.lidars.newest.ranges_m) == len(robots) == len(ranges_m)  # type: ignore[union-attr]
+            off_m.extend(robot.pose.distance_to(made.world.pose(robot.index)) for robot in robots)
+            scans_of = [robot.scan for robot in robots if isinstance(robot, Guard)]
+            stamps.extend(scan.stamp_s - made.fleet.time_s for scan in scans_of if scan is not None)
+
+        made.fleet.scan_callbacks.append(scanned)
+        for _ in range(20):
+            made.next_frame()
+    assert {calls.call_count for calls in taken} <= {scans - 1, scans, scans + 1}
+    assert {calls.call_count for calls in kept} <= {driven_by - 1, driven_by, driven_by + 1}
+    assert max(off_m) < 1e-12
+    assert not any(stamps)
 
 
 def test_explorers_wait_for_their_first_scan() -> None:
@@ -225,7 +259,7 @@ def test_what_a_dead_guard_saw_last_is_left_out_after_the_time_out() -> None:
     [
         ({"dying_guards": 3}, "dying_guards: 3 of 2 guards"),
         ({"start_error_m": 0.1, "localization": "truth"}, "start_error_m"),
-        ({"lidar_hz": 7}, "lidar_hz"),
+        ({"lidar_hz": 0.1}, "lidar_hz"),
         ({"message_timeout_s": 0}, "message_timeout_s"),
     ],
 )

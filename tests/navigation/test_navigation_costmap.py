@@ -556,3 +556,26 @@ def test_a_static_map_may_have_a_rounded_resolution(resolution: float) -> None:
     assert costmap.published().extent == known.published().extent
     with pytest.raises(InputError, match=r"resolution 0\.051 differs"):
         costmap.set_static(OccupancyGrid(cells, 0.051, (-1.0, 2.0)))
+
+
+@pytest.mark.parametrize("track_unknown", [False, True])
+def test_a_large_window_is_inflated_as_a_whole_would_be(track_unknown: bool) -> None:
+    settings_of = dataclasses.replace(CostmapSettings(), size_m=12.0, track_unknown=track_unknown)
+    rng = np.random.default_rng(3)
+    for marks in (0, 1, 40):
+        costmap = RollingCostmap(settings_of)
+        cells = rng.integers(0, len(costmap.marks), (marks, 2))
+        costmap.marks[cells[:, 0], cells[:, 1]] = LETHAL
+        if marks:  # and one in a corner
+            costmap.marks[0, -1] = LETHAL
+        whole = inflate(costmap.marks, inflation_costs(settings_of, settings_of.inflation_radius_m))
+        np.testing.assert_array_equal(costmap.costs, whole)
+        np.testing.assert_array_equal(costmap.published().data, published(whole))
+
+
+def test_a_lidar_of_two_metres_sees_no_ring_of_obstacles() -> None:
+    lidar = dataclasses.replace(LDS_01, range_max_m=2.0)
+    for settings_of in (CostmapSettings(inf_is_valid=True, size_m=3.5).of_lidar(lidar), BURGER_COSTMAP):
+        costmap = RollingCostmap(settings_of)
+        costmap.update(START, np.full(360, np.inf), lidar, 0.0)
+        assert not marked(costmap)

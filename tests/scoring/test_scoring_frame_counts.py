@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import partial
 from random import Random
 
 import pytest
@@ -11,7 +12,7 @@ import scipy.optimize  # noqa: F401 - the first match imports it, which hypothes
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.geometry import Box, Point
+from midnet_bench.geometry import Box, LidarGeometry, Point, Pose2D
 from midnet_bench.scoring.frame_counts import (
     NONE,
     NOTHING,
@@ -377,3 +378,40 @@ def test_boxes_that_overlap_and_boxes_that_the_order_of_robots_decides(
 def test_sums_of_causes() -> None:
     assert total_causes([]) == NONE
     assert total_causes([Causes(*range(1, 10))] * 2) == Causes(*range(2, 20, 2))
+
+
+AHEAD = LidarGeometry(181, -math.pi / 2.0, math.pi / 180.0, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("box", "centre", "edge"),
+    [
+        (Box(1.0, -0.5, 2.0, 0.5), True, True),  # ahead
+        (Box(-2.0, -0.5, -1.0, 0.5), False, False),  # behind
+        (Box(-2.0, 1.0, 0.5, 2.0), False, True),  # beside, its front in view
+        (Box(2.4, -0.1, 3.0, 0.1), False, True),  # its nearer side in range
+        (Box(2.6, -0.1, 3.0, 0.1), False, False),
+    ],
+)
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_what_lies_outside_a_field_of_view_is_not_in_range(
+    box: Box, centre: bool, edge: bool, yaw: float
+) -> None:
+    """Of a half circle that looks along x; turned with the sensor, boxes by their outlines' extent."""
+    truth, sensor = intruder(box), Pose2D(0.0, 0.0, 0.0)
+    if yaw:
+        x, y = Pose2D(0.0, 0.0, yaw).compose(Pose2D(*truth.center, 0.0))[:2]
+        truth, sensor = intruder(Box.square(x, y, 1e-6)), Pose2D(0.0, 0.0, yaw)
+        edge = centre
+    for rule, expected in (("centre", centre), ("edge", edge)):
+        answer = truths_in_range([truth], [sensor[:2]], 2.5, rule, [partial(AHEAD.covers, sensor)])  # type: ignore[arg-type]
+        assert answer == [expected], rule
+
+
+def test_one_sensor_that_has_it_in_view_is_enough() -> None:
+    behind = intruder(Box(-2.0, -0.5, -1.0, 0.5))
+    sensors = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 0.0, math.pi)]
+    views = [partial(AHEAD.covers, sensor) for sensor in sensors]
+    places = [sensor[:2] for sensor in sensors]
+    assert truths_in_range([behind], places, 2.5, "centre", views) == [True]
+    assert truths_in_range([behind], places[:1], 2.5, "centre", views[:1]) == [False]

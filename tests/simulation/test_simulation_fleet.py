@@ -9,7 +9,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.geometry import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.fleet import HealthTracker, Standstill, crossed_wall, surfaces
+from midnet_bench.simulation.fleet import HealthTracker, ScanTicks, Standstill, crossed_wall, surfaces
 from tests.simulation.scenes import BulletWorld, run, scene
 
 
@@ -111,3 +111,28 @@ def test_a_new_goal_begins_anew() -> None:
     for step in range(90):
         busy.update(0.0, 0.0, 0.1 * step, step // 45)
     assert busy.stuck_s == 0.0
+
+
+@pytest.mark.parametrize("step_hz", [30, 40, 100])
+@pytest.mark.parametrize("rate_hz", [0.5, 1, 2, 5, 5.5, 7, 10, 15, 29.97, 30])
+def test_scans_come_at_their_mean_rate_exactly_and_evenly(rate_hz: float, step_hz: int) -> None:
+    ticks = ScanTicks.of(rate_hz, step_hz)
+    seconds = 100
+    scans = [tick for tick in range(seconds * step_hz) if ticks.has(tick)]
+    assert len(scans) == round(seconds * rate_hz)
+    assert scans[0] == 0
+    gaps = set(np.diff(scans).tolist())
+    assert gaps <= {math.floor(step_hz / rate_hz), math.ceil(step_hz / rate_hz)}
+    assert max(gaps) <= ticks.longest_gap
+
+
+@pytest.mark.parametrize("rate_hz", [1, 2, 5, 10])
+def test_whole_periods_keep_their_ticks(rate_hz: int) -> None:
+    ticks = ScanTicks.of(rate_hz, 30)
+    period = 30 // rate_hz
+    assert [tick for tick in range(-60, 60) if ticks.has(tick)] == list(range(-60, 60, period))
+
+
+def test_a_lidar_that_is_faster_than_the_world_scans_at_every_step() -> None:
+    assert ScanTicks.of(40.0, 30) == (1, 1)
+    assert ScanTicks.of(5.5, 30) == (11, 60)

@@ -140,3 +140,20 @@ def test_floor_robots_and_obstacles_are_not_met(engine: str) -> None:
         assert np.array_equal(world.cast(beams, 0.0, 3.5), before)
         assert not len(differing(before, fast.cast(beams, 0.0, 3.5), 1e-3))
     assert math.isinf(before.max())
+
+
+@pytest.mark.parametrize("view_deg", [90.0, 179.0, 240.0, 270.0, 359.0])
+def test_beams_of_less_than_a_turn_meet_what_they_meet_one_by_one(view_deg: float) -> None:
+    """In an even fan the first beam for a side is found by its angle, in a shuffled one all are tried."""
+    rng = np.random.default_rng(round(view_deg))
+    for seed in range(3):
+        layout = place(load_arena("map1"), seed, 1)
+        axes = rng.uniform(-2.8, 2.8, (20, 2))
+        angles = rng.uniform(-7.0, 7.0, (20, 1)) + np.radians(np.linspace(0.0, view_deg, 271))
+        ways = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        order = rng.permutation(271)
+        with FastWorld(layout) as world:
+            even = world.cast(Beams(axes, ways), 0.12, 12.0)
+            alone = world.cast(Beams(axes, np.ascontiguousarray(ways[:, order])), 0.12, 12.0)
+        np.testing.assert_array_equal(even[:, order], alone)
+        assert np.isfinite(even).mean() > 0.5

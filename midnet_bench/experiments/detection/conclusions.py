@@ -1,8 +1,9 @@
 """What a detection campaign says in words: its headline, and the paper's claims, each judged."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -16,6 +17,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters, r
 from midnet_bench.experiments.detection.tables import (
     HEADS,
     PAPER,
+    PAPER_ARENA,
     PAPER_FRAMES,
     SCORES,
     SHOWN,
@@ -25,12 +27,15 @@ from midnet_bench.experiments.detection.tables import (
     paper_of,
     window_notes,
 )
-from midnet_bench.experiments.guarded.tables import METRICS, metric_tables
+from midnet_bench.experiments.guarded.inputs import arena_from
+from midnet_bench.experiments.guarded.tables import METRICS, metric_tables, usable_range
 from midnet_bench.experiments.registry import Headline
+from midnet_bench.robots.model import ROBOTS
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
 MOST_IN_WORDS = 4  # teams that a sentence names one by one
+MOST_UNSCORED = 6  # cells without scores that are named one by one
 MINOR = 0.10  # the most that a cause "not expected to be significant" may have of the errors
 NEVER = 0.01  # the share of frames below which something counts as not happening
 TABLE = ("tp_per_frame", "precision", "recall")  # tp, fp, fn and F1 follow from these
@@ -67,7 +72,11 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
         if seeds == 1
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
-    conclusion = [*_finds(results, cells), *_misses(results, cells), *_among_runs(cells)]
+    unscored = _unscored(results, cells)
+    if len(unscored) == len(cells):
+        notes = notes[1:]
+    found = [*_finds(results, cells), *_misses(results, cells)] if len(unscored) < len(cells) else []
+    conclusion = [*found, *_without_scores(unscored, len(cells) > 1), *_among_runs(cells)]
     return Headline(
         [_scores(title, cells, known), *(metric_tables(results) if METRICS in results.tables else ())],
         conclusion,
@@ -91,6 +100,8 @@ def _scores(title: str, cells: Cells, reference: Cells) -> Table:
         for source, scores in sources.items():
             label = team_in_words(str(team)) if source == ours else ""
             texts = {score: _text(one) for score, one in scores.items()}
+            if source == ours and not cell.has_scores:
+                texts = {SHOWN[0]: _boxes_alone(cell)}
             rows.append({"trial": label, "source": source, **dict.fromkeys(SHOWN, ""), **texts})
     if len({row["source"] for row in rows}) == 1:  # said in the title
         rows = [{name: cell for name, cell in row.items() if name != "source"} for row in rows]
@@ -137,6 +148,67 @@ def _text(one: Estimate) -> str:
     return f"{one.value:.{DIGITS}f} {aside:{DIGITS + 2}}"
 
 
+class Unscored(NamedTuple):
+    """The trials of a cell in which there was no intruder to be found."""
+
+    name: str
+    frames: int
+    boxes: int  # all of them false
+    has_intruders: bool
+    range_m: float | None  # in which none came near; None if cells differ in it
+
+
+def _boxes_alone(cell: Trials) -> str:
+    """What stands in the place of a cell's scores."""
+    return f"no intruder in range, {_false_boxes(int(cell.total('boxes')))}"
+
+
+def _false_boxes(number: int) -> str:
+    return f"{number or 'no'} false box{'' if number == 1 else 'es'}"
+
+
+def _unscored(results: Results, cells: Cells) -> list[Unscored]:
+    """The cells without an intruder in range."""
+    found, scores = [], results.table("scores")
+    range_m = usable_range(results.definition.parameters)
+    defaults = {"arena": PAPER_ARENA, "intruders": ""}
+    arenas, intruders = (results.column(scores, name, default) for name, default in defaults.items())
+    for team, cell in cells.items():
+        if not cell.has_scores:
+            row = cell.rows.index[0]
+            has_intruders = _has_intruders(str(arenas.loc[row]), intruders.loc[row])
+            frames, boxes = (int(cell.total(name)) for name in ("frames", "boxes"))
+            found.append(Unscored(str(team), frames, boxes, has_intruders, range_m))
+    return found
+
+
+def _has_intruders(arena: str, mobile: object) -> bool:
+    """Whether anything intrudes; ``mobile``: how many robots do, empty for as many as the arena has."""
+    place = arena_from(arena)
+    count = mobile if isinstance(mobile, int) else place.mobile_intruders.count
+    return bool(count or place.stationary_intruders.count or place.placed_solids() or place.other_intruders)
+
+
+def _without_scores(cells: Sequence[Unscored], is_one_of_many: bool) -> Iterator[str]:
+    """A sentence for each cell in which there was nothing to score."""
+    for cell in cells[:MOST_UNSCORED]:
+        which = f"{cell.name}: " if is_one_of_many else ""
+        boxes = _false_boxes(cell.boxes)
+        per_200 = f"{200.0 * cell.boxes / cell.frames:.2f} in 200 frames"
+        if not cell.has_intruders:
+            text = f"{boxes} in {cell.frames} frames without intruders: {per_200}."
+            yield which + (text if which else text[0].upper() + text[1:])
+            continue
+        near = "in range of a guard" if cell.range_m is None else f"within {cell.range_m:g} m of a guard"
+        aside = f" and {boxes} ({per_200})" if cell.boxes else ""
+        yield (
+            f"{which}No intruder came {near} in {cell.frames} frames{aside}: nothing to score; give more "
+            "--frames or --intruders."
+        )
+    if len(cells) > MOST_UNSCORED:
+        yield f"{len(cells) - MOST_UNSCORED} more cells had no intruder in range."
+
+
 def _plain_teams(results: Results, cells: Cells) -> Cells:
     """The cells, where nothing else than the team's size differs between them."""
     return {} if set(results.factors) - {"robots"} else cells
@@ -150,10 +222,11 @@ def _finds(results: Results, cells: Cells) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
-        scores = {team: cell.means["f1_one_to_one"].value for team, cell in cells.items()}
+        scores = {team: cell.means["f1_one_to_one"].value for team, cell in cells.items() if cell.has_scores}
         best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
-        return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
-    reach_m = results.definition.parameters.get("obstacle_range_m")
+        ahead = f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."
+        return [ahead, *_ranges(results)]
+    reach_m = usable_range(results.definition.parameters)
     parts: list[str] = []
     for team, cell in teams.items():
         recall = cell.means["recall"].value
@@ -163,10 +236,27 @@ def _finds(results: Results, cells: Cells) -> list[str]:
         beside = "" if cell.paper is None else f" ({paper}{_percent(cell.paper['recall'])})"
         noun = "" if parts else f" robot{'' if team.robots == 1 else 's'}"
         verb = "finds" if team.robots == 1 else "find"
-        within = "" if parts else f" of the intruders within {reach_m or 2.5:g} m"
+        within = (
+            ""
+            if parts
+            else (
+                " of the intruders in range" if reach_m is None else f" of the intruders within {reach_m:g} m"
+            )
+        )
         parts.append(f"{_in_words(team.robots)}{noun} {verb} {_percent(recall)}{within}{beside}")
     text = ", ".join(parts)
     return [f"{text[0].upper()}{text[1:]}."] if text else []
+
+
+def _ranges(results: Results) -> list[str]:
+    """Up to where intruders are looked for by each robot model, where they differ in it."""
+    given, robots = results.definition.parameters, results.definition.grid.get("robot", [])
+    if usable_range(given) is not None or not all(ROBOTS.is_own(str(robot)) for robot in robots):
+        return []
+    by_robot = {str(robot): ROBOTS.make(str(robot)).lidar for robot in robots}
+    usual = DetectionParameters.usual().costmap
+    ranges = [f"{usual.of_lidar(one).obstacle_range_m:g} m ({robot})" for robot, one in by_robot.items()]
+    return [f"Intruders are in range within {', '.join(ranges)}."] if ranges else []
 
 
 def _among_runs(cells: Cells) -> list[str]:
@@ -194,7 +284,7 @@ def _misses(results: Results, cells: Cells) -> list[str]:
             continue
         outside, hidden = (cell.total(name) / missed for name in ("fn_outside_window", "fn_hidden_in_window"))
         size_m = results.definition.parameters.get("local_size_m")
-        costmap = "local costmap" if size_m is None else f"{size_m:g} m costmap"
+        costmap = f"{size_m:g} m costmap" if isinstance(size_m, int | float) else "local costmap"
         whose, its = ("robot's", "its") if team.robots == 1 else ("robots'", "their")
         who = f"{_in_words(team.robots)} {whose}".capitalize()
         return [

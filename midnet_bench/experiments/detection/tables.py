@@ -29,7 +29,13 @@ from midnet_bench.analysis.statistics import (
 )
 from midnet_bench.analysis.tables import Cell, Table, team_in_words
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.experiments.guarded.tables import METRICS, error_tables, metric_measures, metric_tables
+from midnet_bench.experiments.guarded.tables import (
+    METRICS,
+    error_tables,
+    metric_measures,
+    metric_tables,
+    usable_range,
+)
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
 
@@ -85,6 +91,11 @@ class Trials:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    @property
+    def has_scores(self) -> bool:
+        """Whether some intruder was found or missed; else no ratio but precision is defined."""
+        return bool(self.total("tp") + self.total("fn"))
 
     def total(self, column: str) -> float:
         """Of a column over the seeds; exact, a whole number where the column has such."""
@@ -159,7 +170,7 @@ def own_tables(cells: Cells, notes: Sequence[str] = ()) -> list[Table]:
             cells,
             _summary,
             digits={"collisions_per_trial": 2},
-            notes=[*(notes if cells else ()), *duplicates],
+            notes=[*(notes if any(cell.has_scores for cell in cells.values()) else ()), *duplicates],
         ),
         _table(
             "detection_table",
@@ -330,7 +341,8 @@ def cells_of(results: Results) -> Mapping[Team, Trials]:
         return {}
     robots, others = results.column(scores, "robots").tolist(), results.other_factors(scores, "robots")
     teams = [Team(*one) for one in zip(robots, others, strict=True)]
-    rows, paper = scores.drop(columns=results.factors), paper_of(results.definition)
+    known = [name for name in results.factors if name != "frames"]  # which the table has of itself, too
+    rows, paper = scores.drop(columns=known), paper_of(results.definition)
     return {
         team: Trials(rows[[one == team for one in teams]], paper.get(team)) for team in dict.fromkeys(teams)
     }
@@ -368,7 +380,8 @@ def window_notes(definition: Definition) -> list[str]:
     return [
         f"The {size_m:g} m local costmap ends {size_m / 2.0:g} m ahead; the usable range is {range_m:g} m: "
         "objects in between are missed."
-        for size_m, range_m in itertools.product(sizes, ranges)
+        for size_m, asked_m in itertools.product(sizes, ranges)
+        for range_m in [usable_range({**definition.parameters, "obstacle_range_m": asked_m})]
         if isinstance(size_m, int | float) and isinstance(range_m, int | float) and size_m / 2.0 < range_m
     ]
 

@@ -130,12 +130,13 @@ class DetectionTrial(GuardedArena):
     def in_range(self, scorer: Scorer | None = None) -> list[bool]:
         """For each truth, whether not finding it now counts as a false negative (item 46).
 
-        "Laser scan range" of section V.A is how far from the sensor a return is marked (item 7). It goes to
-        the intruder itself, whatever box it is scored by.
+        "Laser scan range" of section V.A is how far from the sensor a return is marked (item 7), in the
+        sensor's field of view. It goes to the intruder itself, whatever box it is scored by.
         """
         scorer = scorer or self.own
-        range_m = scorer.test.costmap.obstacle_range_m
-        in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, scorer.test.in_range)
+        sensors, views = self.sensor_positions(), self.fields_of_view()
+        range_m, rule = scorer.test.usable_range_m, scorer.test.in_range
+        in_range = truths_in_range(self._bodies(), sensors, range_m, rule, views)
         if not scorer.counts_hidden:
             seen = self._in_sight(scorer)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
@@ -171,14 +172,15 @@ class DetectionTrial(GuardedArena):
 
     def _in_sight(self, scorer: Scorer) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
-        reach_m = scorer.test.costmap.obstacle_range_m
+        reach_m = scorer.test.usable_range_m
         guards = np.array([guard.index for guard in self.guards])
         _, true_m, bodies = self.lidars.true_scan(guards)
         ranges_m = self.lidars.measured(true_m, guards, scorer.sight)  # no beam drops out
         near = ranges_m <= reach_m
         ranges_m = np.where(near, ranges_m, 0.0)  # infinity has no place on a beam along an axis
         met = set(bodies[near].tolist())
-        beams = self.world.poses()[guards, 2, None] + self.robot.lidar.angles_rad
+        lidar = self.robot.lidar
+        beams = self.world.poses()[guards, 2, None] + (lidar.mount.yaw + lidar.angles_rad)
         ways = directions(beams.reshape(-1)).reshape(*beams.shape, 2)
         ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * ways
         hits = ends[near & (bodies == SOLID)]

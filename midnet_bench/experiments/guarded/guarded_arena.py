@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Generic, NamedTuple, TypeVar
 from weakref import proxy
 
@@ -32,6 +32,7 @@ from midnet_bench.navigation.navigation_settings import CostmapSettings, Navigat
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import standard_exponential, stream
 from midnet_bench.scoring.frame_counts import (
+    Covers,
     FrameCounts,
     FrameMatch,
     TruePositives,
@@ -213,8 +214,16 @@ class GuardedArena(RobotTrial):
 
     def sensor_positions(self) -> list[Point]:
         """(x, y) of each guard's LiDAR as it truly is, map frame, metres."""
+        return [pose[:2] for pose in self._sensor_poses()]
+
+    def fields_of_view(self) -> list[Covers]:
+        """Of each guard's LiDAR as it truly is; none if they see all round."""
+        lidar = self.robot.lidar
+        return [] if lidar.is_full_turn else [partial(lidar.covers, pose) for pose in self._sensor_poses()]
+
+    def _sensor_poses(self) -> list[Pose2D]:
         poses, mount = self.world.poses(), self.robot.lidar.mount
-        return [Pose2D(*poses[guard.index].tolist()).compose(mount)[:2] for guard in self.guards]
+        return [Pose2D(*poses[guard.index].tolist()).compose(mount) for guard in self.guards]
 
     def next_patrol_point(self, robot: MobileRobot) -> Point:
         """Where MIDNet sends a guard that has nothing to do (section V.B)."""
@@ -376,7 +385,7 @@ class Report(NamedTuple):
 
 
 class NetworkModel:
-    """A guard reports after each of its control cycles; MIDNet goes by the latest report that has arrived.
+    """A guard reports after each control cycle and scan; MIDNet goes by the latest report that has arrived.
 
     MIDNet's own messages take no time and are never lost.
     """

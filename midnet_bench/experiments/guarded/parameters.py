@@ -22,8 +22,16 @@ from midnet_bench.experiments.guarded.inputs import (
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
-from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
+from midnet_bench.navigation.navigation_settings import (
+    LDS_WINDOW_M,
+    MAX_RANGE_M,
+    MIDNET_SOURCES,
+    CostmapSettings,
+    NavigatorSettings,
+)
 from midnet_bench.plugins import DETECTORS, FUSIONS
+from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.turtlebot3 import BURGER
 from midnet_bench.scoring.metric import METRICS, NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import NetworkSettings, SimulationSettings
@@ -187,7 +195,7 @@ class GuardParameters(Parameters):
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
-        CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
+        CostmapSettings(size_m=LDS_WINDOW_M, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
         sources=MIDNET_SOURCES,
     )
@@ -241,9 +249,11 @@ class GuardParameters(Parameters):
         if simulation == settings.simulation:
             return settings
         robot, patrol = simulation.robot_model, settings.patrol
+        settings = replace(settings, simulation=simulation, costmap=settings.costmap.of_lidar(robot.lidar))
+        if is_burger_but_for_lidar(robot):
+            return settings
         return replace(
             settings,
-            simulation=simulation,
             intruder_speed_mps=robot.max_linear_mps,
             costmap=settings.costmap.of_robot(robot),
             midnet=replace(settings.midnet, ally_diameter_m=robot.diameter_m),
@@ -267,6 +277,28 @@ class GuardParameters(Parameters):
         usual = SECONDS_PER_SIMULATED_SECOND["bullet"]
         world, robot = SECONDS_PER_SIMULATED_SECOND.get(self.simulation.world.engine, usual)
         return START_S + self.simulated_s * (world + robot * self.robots)
+
+    @cached_property
+    def usable_range_m(self) -> float:
+        """How far from a guard's LiDAR a return is marked, which is no farther than it reaches, metres."""
+        return min(self.costmap.obstacle_range_m, self.simulation.robot_model.lidar.range_max_m)
+
+    @property
+    def remarks(self) -> list[str]:
+        """See :class:`Parameters`: of a LiDAR that is used to other than its range."""
+        costmap, lidar = self.costmap, self.simulation.robot_model.lidar
+        asked_m, usable_m = costmap.obstacle_range_m, self.usable_range_m
+        usual, lines = self.usual().costmap.of_lidar(lidar), self.simulation.remarks
+        if asked_m > lidar.range_max_m:
+            lines.append(f"obstacle_range_m={asked_m:g}: the LiDAR ends at {usable_m:g} m, and its use too")
+        elif asked_m < min(lidar.range_max_m, MAX_RANGE_M) and asked_m != usual.obstacle_range_m:
+            lines.append(f"a LiDAR of {lidar.range_max_m:g} m is used to {usable_m:g} m (obstacle_range_m)")
+        if costmap.size_m / 2.0 < usable_m <= usual.size_m / 2.0:
+            lines.append(
+                f"local_size_m={costmap.size_m:g}: the local costmap ends {costmap.size_m / 2.0:g} m from "
+                f"its robot, and intruders are in range up to {usable_m:g} m"
+            )
+        return lines
 
     @property
     def guarded_place(self) -> Arena:
@@ -362,6 +394,11 @@ class GuardParameters(Parameters):
         # what several parts share may not suit each of them: tell that here, not in a trial
         _ = read.prior_costmap, read.guard_navigator, read.intruder_navigator
         return read
+
+
+def is_burger_but_for_lidar(robot: RobotModel) -> bool:
+    """Whether a robot drives as the Burger does, for which TurtleBot3's files have the numbers."""
+    return replace(robot, lidar=BURGER.lidar, lidar_hz=BURGER.lidar_hz) == BURGER
 
 
 def guarded_place(arena: str, stationary_scale: float) -> Arena:

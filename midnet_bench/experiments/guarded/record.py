@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from midnet_bench.geometry import Box, Point, Pose2D
 
 FRAMES, ERRORS, CAPTURES = "recorded", "errors", "captures"  # the tables of a recorded trial
 BEAM_STEP = 4  # each fourth beam of a scan is kept
-NO_RETURN = 255  # in a recorded scan; other values are centimetres
+NO_RETURN = 255  # in a recorded scan; other values are whole steps, of a centimetre for up to 2.54 m
 
 
 class RecordedRobot(NamedTuple):
@@ -52,11 +53,16 @@ class RecordedFrame(NamedTuple):
     found: list[RecordedBox]  # empty where a detector explains nothing
     detections: list[RecordedBox]
     scans_m: list[list[float | None]]
-    """of each guard the last scan, each fourth beam; None where nothing came back within 2.54 m"""
+    """of each guard the last scan, each fourth beam; None where nothing came back within 254 steps"""
     sensors: list[Pose2D | None]  # where each guard took its LiDAR to be at that scan
+    scan_step_cm: int = 1  # what scans are recorded to, see :func:`scan_step_cm`
 
     def to_row(self) -> Row:
-        """A row of the table ``recorded``: lists as JSON in millimetres and milliradians, scans in base64."""
+        """A row of the table ``recorded``: lists as JSON in millimetres and milliradians, scans in base64.
+
+        A step of more than a centimetre stands behind the sensor's pose.
+        """
+        step = self.scan_step_cm
         lists: dict[str, list[list[object] | None]] = {
             "poses": [
                 robot and [*_mm((*robot.pose, *robot.believed, *(robot.goal or ()))), *[1] * robot.pursues]
@@ -67,8 +73,9 @@ class RecordedFrame(NamedTuple):
             "detections": [[one.guard, *_mm(one.box), one.truth] for one in self.detections],
         }
         scans = (
-            f"{base64.b64encode(_cm(scan)).decode()}@{','.join(map(str, _mm(sensor or ())))}"
+            f"{base64.b64encode(_steps(scan, step)).decode()}@{','.join(map(str, place))}"
             for scan, sensor in zip(self.scans_m, self.sensors, strict=True)
+            for place in [[*_mm(sensor or ()), *[step] * (sensor is not None and step > 1)]]
         )
         texts = {name: json.dumps(rows, separators=(",", ":")) for name, rows in lists.items()}
         return {"frame": self.number, **texts, "scans": " ".join(scans)}
@@ -80,7 +87,13 @@ class RecordedFrame(NamedTuple):
             poses, truths, found, detections = (
                 json.loads(str(row[name])) for name in ("poses", "truths", "found", "detections")
             )
-            scans = [scan.partition("@") for scan in str(row["scans"]).split()]
+            scans, sensors, step = [], list[Pose2D | None](), 1
+            for scan, _, place in (scan.partition("@") for scan in str(row["scans"]).split()):
+                numbers = list(map(int, place.split(","))) if place else []
+                step = numbers[3] if len(numbers) == 4 else step
+                steps = base64.b64decode(scan)
+                scans.append([None if one == NO_RETURN else one * step / 100.0 for one in steps])
+                sensors.append(Pose2D(*(mm / 1000.0 for mm in numbers[:3])) if numbers else None)
             return cls(
                 int(str(row["frame"])),
                 [None if robot is None else _robot(robot) for robot in poses],
@@ -90,25 +103,28 @@ class RecordedFrame(NamedTuple):
                 ],
                 [RecordedBox(guard, _box(sides), ally=ally) for guard, *sides, ally in found],
                 [RecordedBox(guard, _box(sides), truth=truth) for guard, *sides, truth in detections],
-                [
-                    [None if cm == NO_RETURN else cm / 100.0 for cm in base64.b64decode(scan)]
-                    for scan, _, _ in scans
-                ],
-                [Pose2D(*(int(mm) / 1000.0 for mm in at.split(","))) if at else None for _, _, at in scans],
+                scans,
+                sensors,
+                step,
             )
         except (IndexError, KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"frame {row.get('frame')}: is no recorded frame") from error
 
 
-def recorded_scan(ranges_m: npt.NDArray[np.float64]) -> list[float | None]:
-    """Each fourth beam of a scan as it is recorded: metres, None where nothing came back within 2.54 m."""
-    far_m = NO_RETURN / 100.0 - 0.005
+def scan_step_cm(range_m: float) -> int:
+    """Whole centimetres to which scans are recorded: 254 of them hold the range, a byte for each beam."""
+    return max(1, math.ceil(100.0 * range_m / (NO_RETURN - 1) - 1e-9))
+
+
+def recorded_scan(ranges_m: npt.NDArray[np.float64], step_cm: int = 1) -> list[float | None]:
+    """Each fourth beam of a scan as it is recorded: metres, None where nothing came back in 254 steps."""
+    far_m = (NO_RETURN - 0.5) * step_cm / 100.0
     return [range_m if 0.0 < range_m < far_m else None for range_m in ranges_m[::BEAM_STEP].tolist()]
 
 
-def _cm(scan_m: Sequence[float | None]) -> bytes:
-    ranges_cm = 100.0 * np.array(scan_m, dtype=np.float64)  # NaN for None
-    return np.where(np.isnan(ranges_cm), NO_RETURN, np.rint(ranges_cm)).astype(np.uint8).tobytes()
+def _steps(scan_m: Sequence[float | None], step_cm: int) -> bytes:
+    steps = 100.0 * np.array(scan_m, dtype=np.float64) / step_cm  # NaN for None
+    return np.where(np.isnan(steps), NO_RETURN, np.rint(steps)).astype(np.uint8).tobytes()
 
 
 def _mm(numbers: Sequence[float]) -> list[int]:

@@ -22,6 +22,7 @@ from midnet_bench.experiments.guarded.record import (
     RecordedRobot,
     RecordedTruth,
     recorded_scan,
+    scan_step_cm,
 )
 from midnet_bench.geometry import Booleans, Box, Floats, Indices, Point, Pose2D, Scan, Solid, lengths
 from midnet_bench.midnet.detection import Crop
@@ -38,6 +39,7 @@ from midnet_bench.scoring.diagnosis import (
     miss_cause,
     moved,
 )
+from midnet_bench.scoring.frame_counts import is_in_view
 from midnet_bench.scoring.metric import TrialMetrics
 from midnet_bench.simulation import sensors as beams_met
 
@@ -81,6 +83,7 @@ class Recorder:
         removed = explanation.removed if explanation else []
         allies = {(each.detection.robot, each.detection.box): each.ally for each in removed}
         scans = [guard.scan for guard in self._trial.guards]
+        step_cm = scan_step_cm(self._test.usable_range_m)
         return RecordedFrame(
             frame.number,
             robots=[
@@ -109,8 +112,9 @@ class Recorder:
                 RecordedBox(guard, box, truth=truth)
                 for guard, box, truth in zip(midnet.robots, midnet.detections, match.truth_of, strict=True)
             ],
-            scans_m=[[] if scan is None else recorded_scan(scan.ranges_m) for scan in scans],
+            scans_m=[[] if scan is None else recorded_scan(scan.ranges_m, step_cm) for scan in scans],
             sensors=[scan and scan.pose.compose(scan.lidar.mount) for scan in scans],
+            scan_step_cm=step_cm,
         )
 
 
@@ -219,6 +223,7 @@ class FrameTrace:
         self._trial: GuardedArena = proxy(trial)
         self._node = node
         self._settings = node.costmaps[0].settings
+        self._range_m = min(self._settings.obstacle_range_m, trial.robot.lidar.range_max_m)
         self._traces = [_GuardTrace() for _ in trial.guards]
         trial.add_scan_callback(node, self._add_scan)
 
@@ -237,8 +242,13 @@ class FrameTrace:
         rows = []
         for index in missed:
             name, box, _ = truths[index]
-            range_m = self._settings.obstacle_range_m
-            near = [view for view in views if box.distance_to_point(*view.sensor) <= range_m]
+            near = [view for view in views if box.distance_to_point(*view.sensor) <= self._range_m]
+            if covers := self._trial.fields_of_view():
+                near = [
+                    view
+                    for view in near
+                    if is_in_view(truths[index], view.sensor, covers[view.guard], self._range_m, "edge")
+                ]
             cause = miss_cause(index, truths, boxes, near)
             rows.append(_error(frame.number, "miss", box, cause, index not in touched, name))
         for index in left_over:

@@ -12,7 +12,7 @@ from midnet_bench.analysis.frames import Results, records
 from midnet_bench.arena.arena import arena_names
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.definition import SEVERAL, shown_cell
-from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.campaign.trial import Row, Scalar, beside
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters, guarded_place
@@ -71,10 +71,12 @@ def _by_trial(factors: Sequence[str], frame: pd.DataFrame | None) -> dict[Key, p
 def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequence[Row]]) -> Recording:
     """One trial, of its parameters and its rows; its cell is still to be named."""
     frames = [RecordedFrame.from_row(row) for row in tables[FRAMES]]
-    team = [(str(row["robot"]), row["role"] == "guard") for row in tables["robots"]]
+    # the robot's own name, beside the factor of that name if there is one
+    names = [str(row.get(beside("robot"), row["robot"])) for row in tables["robots"]]
+    team = [(name, row["role"] == "guard") for name, row in zip(names, tables["robots"], strict=True)]
     name = str(given.get("robot", ""))
     # the robot if it comes with the package: no file is run to show results
-    model = own_robot(name if name in ROBOTS.own else "burger")
+    model = ROBOTS.make(name) if ROBOTS.is_own(name) else own_robot("burger")
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
     has_scans = all(len(scan) in (0, len(beams)) for frame in frames for scan in frame.scans_m)
     words: dict[str, int] = {"": 0}
@@ -82,6 +84,7 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
         float(value) if isinstance(value, int | float) else None  # None where cells differ in it
         for value in map(given.get, ("local_size_m", "obstacle_range_m"))
     )
+    range_m = None if range_m is None else min(range_m, model.lidar.range_max_m)
     rows: dict[str, Sequence[Rows]] = {
         "robots": _robots(frames, [is_guard for _, is_guard in team]),
         "truths": [
@@ -102,7 +105,7 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
         hz=FRAME_HZ,
         robots=team,
         body=model.body,
-        beams=(beams[0], beams[1] - beams[0]),
+        beams=(beams[0], beams[1] - beams[0], 0.02 * max(frame.scan_step_cm for frame in frames)),
         words=[*words][1:],
         frames=rows,
         scans={
@@ -194,8 +197,9 @@ def _sensors(frame: RecordedFrame) -> Rows:
 
 def _beams(frame: RecordedFrame) -> Rows:
     ranges_m = [range_m for scan in frame.scans_m for range_m in scan]
-    cm = np.array([NO_RETURN if one is None else round(100.0 * one) for one in ranges_m], dtype=np.int64)
-    return np.stack((np.arange(len(cm)), (cm + 1) // 2), axis=1)
+    per_m = 100.0 / frame.scan_step_cm
+    steps = np.array([NO_RETURN if one is None else round(per_m * one) for one in ranges_m], dtype=np.int64)
+    return np.stack((np.arange(len(steps)), (steps + 1) // 2), axis=1)
 
 
 def _errors(frames: int, errors: Sequence[Row], words: dict[str, int]) -> list[list[list[int]]]:

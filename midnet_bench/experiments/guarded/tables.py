@@ -9,7 +9,9 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.compare import MEASURE, label, series
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.trial import Scalar
 from midnet_bench.geometry import Box
+from midnet_bench.robots.model import ROBOTS
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import touches
 
@@ -55,6 +57,17 @@ def metric_tables(results: Results) -> list[Table]:
     ]
     title = f"Further metrics ({statistics.MEAN_METHOD}, over seeds)"
     return [Table("metrics_summary", title, rows)] if rows else []
+
+
+def usable_range(parameters: Mapping[str, Scalar]) -> float | None:
+    """How far off intruders are looked for, metres, by a campaign's parameters; None where cells differ.
+
+    No file of a user is run for it: of a robot that is in one, obstacle_range_m counts as it stands.
+    """
+    range_m, robot = parameters.get("obstacle_range_m", 2.5), str(parameters.get("robot", ""))
+    if not isinstance(range_m, int | float):
+        return None
+    return min(range_m, ROBOTS.make(robot).lidar.range_max_m) if robot and ROBOTS.is_own(robot) else range_m
 
 
 def error_tables(results: Results) -> list[Table]:

@@ -113,8 +113,8 @@ class LabyrinthTrial(GuardedArena):
 
     def scored(self, midnet: ObservedFrame) -> ScoredFrame:
         """The newest frame beside the truth; in range is an intruder's centre."""
-        truths, range_m = self.truths(), self._test.costmap.obstacle_range_m
-        in_range = truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+        truths, range_m = self.truths(), self._test.usable_range_m
+        in_range = truths_in_range(truths, self.sensor_positions(), range_m, "centre", self.fields_of_view())
         return ScoredFrame(round(self.fleet.time_s * FRAME_HZ), midnet, truths, in_range)
 
     def _placed(self, mobile_intruders: int | None) -> Layout:

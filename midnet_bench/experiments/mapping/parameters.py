@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from midnet_bench.agents.agent_settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
+from midnet_bench.experiments.guarded.parameters import is_burger_but_for_lidar
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
@@ -77,8 +78,15 @@ class MappingParameters(Parameters):
         simulation = settings.simulation.with_robot_of(values)
         if simulation == settings.simulation:
             return settings
-        navigator = settings.navigator.of_robot(simulation.robot_model)
+        robot, navigator = simulation.robot_model, settings.navigator
+        if not is_burger_but_for_lidar(robot):
+            navigator = navigator.of_robot(robot)
         return replace(settings, simulation=simulation, navigator=navigator)
+
+    @property
+    def remarks(self) -> list[str]:
+        """See :class:`Parameters`."""
+        return self.simulation.remarks
 
     @property
     def pose_filter(self) -> UkfSettings:

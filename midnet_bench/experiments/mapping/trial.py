@@ -110,7 +110,9 @@ class ExplorationTrial(RobotTrial):
 
     def snapshots(self) -> Iterator[Snapshot]:
         """One per simulated second and a last one, until every explorer is done or the time is up."""
-        first = self.step_hz // min(SCAN_HZ, self.parameters.simulation.lidar.hz)
+        slowest_hz = min(SCAN_HZ, self.parameters.simulation.lidar.hz)
+        # every explorer has scanned by then
+        first = min(math.ceil(self.step_hz / slowest_hz - 1e-9), MAP_PERIOD_S * self.step_hz - 1)
         while not self._is_finished and self.time_s < self.parameters.time_limit_s - 1e-9:
             self.fleet.step()
             if self.world.tick % (MAP_PERIOD_S * self.step_hz) == first:

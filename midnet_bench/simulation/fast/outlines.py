@@ -143,17 +143,23 @@ def cast_on_outlines(
 
     ``axes`` (m, 2), ``directions`` (m, beams, 2) as of :class:`~midnet_bench.simulation.engine.Beams`;
     ``outlines``: an :class:`Outlines` without names, by ``[:]``: numba takes it faster. A beam that starts
-    inside a solid meets its side from within. Where the beams are evenly spread over a full turn, the first
-    that may meet a side is found by the angle of its end.
+    inside a solid meets its side from within. Where the beams are evenly spread, counter-clockwise over a
+    full turn or less, the first that may meet a side is found by the angle of its end.
     """
     sides, first, circles = outlines
     sensors, beams = directions.shape[:2]
     ranges = np.full((sensors, beams), np.inf)
-    spacing_rad = 2.0 * math.pi / max(beams, 1)
+    turn_rad = 2.0 * math.pi
     for i in range(sensors):
         x, y, fan, found = axes[i, 0], axes[i, 1], directions[i], ranges[i]
         start_rad = atan2(fan[0, 1], fan[0, 0]) if beams > 0 else 0.0
-        is_even = beams >= 8 and _is_even(fan, spacing_rad)
+        spacing_rad, half_turn = turn_rad / max(beams, 1), beams // 2 + 3
+        is_full = is_even = beams >= 8 and _is_even(fan, spacing_rad, 0)
+        if beams >= 8 and not is_full:
+            ahead = fan[0, 0] * fan[1, 0] + fan[0, 1] * fan[1, 1]
+            spacing_rad = atan2(fan[0, 0] * fan[1, 1] - fan[0, 1] * fan[1, 0], ahead)
+            is_even = 0.0 < spacing_rad * beams < turn_rad and _is_even(fan, spacing_rad, 1)
+            half_turn = min(beams, int(math.pi / max(spacing_rad, 1e-9)) + 3)
         for solid in range(len(circles)):
             away_m = hypot(circles[solid, 0] - x, circles[solid, 1] - y)
             if away_m - circles[solid, 2] >= far_m:
@@ -171,8 +177,14 @@ def cast_on_outlines(
                     ax, ay, bx, by, area = bx, by, ax, ay, -area
                 beam, most = 0, beams
                 if is_even:
-                    beam = math.floor((atan2(ay, ax) - start_rad) / spacing_rad) % beams
-                    most = beams // 2 + 3
+                    off_rad = atan2(ay, ax) - start_rad
+                    if is_full:
+                        beam = math.floor(off_rad / spacing_rad) % beams
+                    else:
+                        # behind the last beam the first one is the next
+                        beam = math.floor(off_rad % turn_rad / spacing_rad)
+                        beam = beam if beam < beams else 0
+                    most = half_turn
                 for _ in range(most):
                     dx, dy = fan[beam, 0], fan[beam, 1]
                     beam = beam + 1 if beam + 1 < beams else 0
@@ -188,10 +200,13 @@ def cast_on_outlines(
 
 
 @njit
-def _is_even(fan: Floats, spacing_rad: float) -> bool:
-    """Whether each beam points ``spacing_rad`` counter-clockwise of the one before, the first of the last."""
+def _is_even(fan: Floats, spacing_rad: float, start: int) -> bool:
+    """Whether each beam from ``start`` on points ``spacing_rad`` counter-clockwise of the one before.
+
+    Beam 0 comes after the last one.
+    """
     sine = sin(spacing_rad)
-    for k in range(len(fan)):
+    for k in range(start, len(fan)):
         before = fan[k - 1]
         if abs(before[0] * fan[k, 1] - before[1] * fan[k, 0] - sine) > 1e-9:
             return False
