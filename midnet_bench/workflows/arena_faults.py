@@ -15,7 +15,7 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.geometry import Booleans, Point, Solid, dense_outline, lengths
+from midnet_bench.geometry import Booleans, Indices, Point, Solid, dense_outline, lengths
 from midnet_bench.grid import OccupancyGrid, cells_of, cells_to_unset, connected_to
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 
@@ -153,13 +153,28 @@ def widest_way(arena: Arena, room: OccupancyGrid, reachable: OccupancyGrid) -> W
     while most - least > 1:
         middle = (least + most) // 2
         least, most = (middle, most) if _meet(room_m > middle * cell_m, *ends) else (least, middle)
-    narrow = (room_m > least * cell_m) & (room_m <= (least + 1) * cell_m)
-    # its narrowest place lies on the shortest way from one to the other
-    away = cells_to_unset(~ends[0]) + cells_to_unset(~ends[1])
-    rows, columns = np.nonzero(narrow & (away <= away[narrow].min() + 1.0))
+    way = (room_m > least * cell_m) | ends[0] | ends[1]
+    steps = _steps(way, *ends) + _steps(way, *ends[::-1])
+    rows, columns = np.nonzero(steps == steps.min())  # of a shortest way
+    narrow = room_m[rows, columns] <= room_m[rows, columns].min() + 1e-6
+    rows, columns = rows[narrow], columns[narrow]
     off_middle = np.square(rows - rows.mean()) + np.square(columns - columns.mean())
     nearest = int(off_middle.argmin())
     return Way((2 * least + 1) * cell_m, fine.center_of(int(columns[nearest]), int(rows[nearest])))
+
+
+def _steps(way: Booleans, start: Booleans, end: Booleans) -> Indices:
+    """(H, W) steps over set cells from ``start`` to each one no farther off than ``end``; many elsewhere."""
+    steps = np.where(start, 0, way.size)
+    seen, cross = start.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    for step in range(1, way.size):
+        grown = cv2.dilate(seen, cross) * way
+        new = (grown > 0) & (seen == 0)
+        steps[new] = step
+        if not new.any() or (new & end).any():
+            break
+        seen = grown.astype(np.uint8)
+    return steps
 
 
 def _on(grid: OccupancyGrid, part: OccupancyGrid) -> Booleans:

@@ -167,11 +167,8 @@ def test_floor_that_an_arena_declares_closed_is_no_fault(tmp_path: Path) -> None
 
 
 def test_the_width_of_a_door_that_no_robot_passes_is_named(tmp_path: Path) -> None:
-    walls = [
-        ROOMS["walls"][0],
-        [[1, 3], [1, 1], [1.8, 1]],
-        [[2.2, 1], [3, 1]],
-    ]  # less half a wall at each end
+    # the gap is less by half a wall at each end
+    walls = [ROOMS["walls"][0], [[1, 3], [1, 1], [1.8, 1]], [[2.2, 1], [3, 1]]]
     write(tmp_path, walls=walls)
     done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
     assert done.returncode == 1
