@@ -35,6 +35,7 @@ class Kind(IntEnum):
     THIN = 4
     SPECK = 5
     BESIDE = 6
+    PALE = 7  # darker than usual walls need, and lighter than the threshold
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,9 @@ def plan_of(pixels: npt.NDArray[np.uint8], resolution_m: float, drawing: Drawing
     """
     dark = dark_cells(pixels, resolution_m, drawing)
     kinds = dark.with_data(dark.data.astype(np.uint8))
+    if drawing.threshold < DARK:
+        pale = dark_cells(pixels, resolution_m, Drawing(has_light_walls=drawing.has_light_walls)).data
+        kinds.data[pale & ~dark.data] = Kind.PALE
     if drawing.drops_coloured:
         _drop(kinds, ~_without_colours(dark.data, _coloured(pixels), resolution_m), Kind.COLOURED)
     filled = without_cracks(_walls(kinds)).data & (kinds.data != Kind.WALL)

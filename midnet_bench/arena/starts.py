@@ -8,23 +8,25 @@ from midnet_bench.arena.arena import Arena, RobotStarts
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, border_labels, open_floor
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, robot_starts
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Booleans
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.geometry import Booleans, Point
+from midnet_bench.grid import OccupancyGrid, connected_to
 
 SPACINGS_M = (0.6, 0.45, 0.3)
 """between the starts of two guards: as in Map 1, else the widest at which the team fits"""
 ROOM_SHARE = 0.05  # A room inside has at least this share of the floor of the largest one.
 
 
-def start_of_guards(arena: Arena, team: int) -> RobotStarts:
+def start_of_guards(arena: Arena, team: int, inside: Point | None = None) -> RobotStarts:
     """Where a team may start: all teams up to its size fit there, near the middle of the largest room.
+
+    ``inside``: of the room that holds this place, metres, map frame, instead.
 
     A room is the floor that a Burger can drive to from one place. One that the enclosure's edge does not cut
     comes first, if it is no mere nook: what lies around a building is no room of it. Where so many guards fit
     nowhere in that room, fewer start: the ``team`` that comes back.
 
     Raises:
-        InputError: there is no room for a guard.
+        InputError: there is no room for a guard, or none at ``inside``.
     """
     drivable, roomy = open_floor(arena, DRIVABLE_M), open_floor(arena, GOAL_CLEARANCE_M)
     if not drivable.data.any():
@@ -34,7 +36,15 @@ def start_of_guards(arena: Arena, team: int) -> RobotStarts:
             f"there is no room for a guard: no floor in it is {2 * GOAL_CLEARANCE_M:g} m wide, and goals keep"
             f" {GOAL_CLEARANCE_M:g} m from walls"
         )
-    room = _largest_room(arena, drivable, roomy.data)
+    if inside is None:
+        room = _largest_room(arena, drivable, roomy.data)
+    else:
+        room = connected_to(*drivable.cell_at(*inside), drivable.data)
+        if not (room & roomy.data).any():
+            raise InputError(
+                f"there is no room for a guard at ({inside[0]:g}, {inside[1]:g}): give a place on floor"
+                f" that is {2 * GOAL_CLEARANCE_M:g} m wide somewhere, in metres as the arena's picture has it"
+            )
     middle = _largest_piece(roomy.data & room)
     # a start lies up to half a cell's diagonal from the centre of its cell
     clear_m = ROBOT_CLEARANCE_M + 0.7072 * drivable.resolution

@@ -203,6 +203,7 @@ def from_image(
     drop_specks: float = 0.0,
     drop_beside: bool = False,
     robots: int | None = None,
+    room: str | None = None,
     output: Output = None,
 ) -> None:
     """Make an arena of a drawn plan.
@@ -221,6 +222,8 @@ def from_image(
             lettering.
         drop_beside --drop-beside: What lies wholly beside the building is floor: a title, a scale bar.
         robots N>=1: So many guards have to fit at the start (default 5, or as many as do).
+        room X,Y: A place in the room where guards start, in metres as the picture has it (default the
+            largest room).
     """
     if not 0.0 < resolution <= 1.0:
         raise InputError(f"--resolution: {resolution:g} is out of range; allowed: above 0 and at most 1")
@@ -233,7 +236,7 @@ def from_image(
     from midnet_bench.workflows.arenas import from_image as made_from
 
     drawing = Drawing(threshold, walls == "light", drop_coloured, drop_thin, drop_specks, drop_beside)
-    _give(made_from(image, resolution, drawing, _team(robots)), output)
+    _give(made_from(image, resolution, drawing, _team(robots), _place(room)), output)
 
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
@@ -241,6 +244,7 @@ def from_map(
     map_file: Annotated[Path, options.argument("MAP", "The YAML file of a ROS map_server map.")],
     unknown: Literal["wall", "free"] = "wall",
     robots: int | None = None,
+    room: str | None = None,
     output: Output = None,
 ) -> None:
     """Make an arena of a map_server map: its known part, moved to the middle of the plane.
@@ -252,10 +256,12 @@ def from_map(
     Options:
         unknown: What the cells are that the map knows nothing of.
         robots N>=1: So many guards have to fit at the start (default 5, or as many as do).
+        room X,Y: A place in the room where guards start, in metres as the picture has it (default the
+            largest room).
     """
     from midnet_bench.workflows.arenas import from_map as made_from
 
-    _give(made_from(map_file, unknown, _team(robots)), output)
+    _give(made_from(map_file, unknown, _team(robots), _place(room)), output)
 
 
 @command("check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
@@ -306,12 +312,22 @@ def _team(robots: int | None) -> int | None:
     return robots
 
 
+def _place(room: str | None) -> tuple[float, float] | None:
+    """Raises InputError."""
+    if room is None:
+        return None
+    try:
+        x, y = map(float, room.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not math.isfinite(x + y):
+        raise InputError(f"--room {room}: two numbers are needed, such as --room=1.5,-2")
+    return x, y
+
+
 def _give(made: "MadeArena", output: Path | None) -> None:
     """Print an arena's file, or write it with its pictures. Raises InputError: it would replace a source."""
+    files = made.write(output) if output is not None else []
     for note in made.notes:
         messages.note(f"note: {note}")
-    if output is None:
-        typer.echo(made.text, nl=False)
-        return
-    for file in made.write(output):
-        typer.echo(file)
+    typer.echo("\n".join(map(str, files)) if files else made.text, nl=bool(files))

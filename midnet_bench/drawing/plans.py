@@ -16,6 +16,7 @@ from midnet_bench.drawing.palette import (
     GUARD_FAINT,
     INK,
     INTRUDER,
+    OUT_OF_RANGE,
     RGB,
     WHITE,
     WOOD,
@@ -32,9 +33,10 @@ LOOKS: dict[Kind, tuple[RGB, str]] = {
     Kind.THIN: (GUARD_FAINT, "left out: thin"),
     Kind.SPECK: (DETECTION, "left out: small piece"),
     Kind.BESIDE: ((230, 159, 0), "left out: beside the building"),
+    Kind.PALE: (OUT_OF_RANGE, "left out: lighter than the threshold"),
 }
 """what a pixel looks like, and what the legend calls it"""
-_LINES = (Kind.FLOOR, Kind.FILLED, Kind.WALL, Kind.BESIDE, Kind.SPECK, Kind.THIN, Kind.COLOURED)
+_LINES = (Kind.FLOOR, Kind.PALE, Kind.FILLED, Kind.WALL, Kind.BESIDE, Kind.SPECK, Kind.THIN, Kind.COLOURED)
 """where several pixels share one of the picture, the last of these shows"""
 _DOOR_M = 0.25  # radius of the circle about a door that is too narrow
 

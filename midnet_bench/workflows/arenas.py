@@ -28,6 +28,7 @@ from midnet_bench.drawing.stills import draw_arena
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
+from midnet_bench.geometry import Point
 from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid
 from midnet_bench.io.checked_yaml import read_text
 from midnet_bench.io.files import write_atomically
@@ -76,7 +77,11 @@ class MadeArena:
 
 
 def from_image(
-    path: Path, resolution_m: float, drawing: Drawing | None = None, team: int | None = None
+    path: Path,
+    resolution_m: float,
+    drawing: Drawing | None = None,
+    team: int | None = None,
+    room: Point | None = None,
 ) -> MadeArena:
     """An arena out of a drawn plan.
 
@@ -88,6 +93,7 @@ def from_image(
         resolution_m: side of a pixel, metres.
         drawing: how it is drawn.
         team: so many guards have to fit; None: five, or fewer where they do not fit.
+        room: a place in the room where guards start, metres, the arena's frame; None: in the largest.
 
     Raises:
         InputError: the image cannot be read, is all floor or all wall, has no room for a guard, or is too
@@ -107,7 +113,7 @@ def from_image(
     notes += remarks(pixels, plan, drawing)
     try:
         walls = _Walls.of(grid, path.stem)
-        arena, more = _populated(walls.arena, team)
+        arena, more = _populated(walls.arena, team, room)
     except InputError as error:
         light = "" if drawing.has_light_walls else "; light walls on a dark ground take --walls light"
         hint = f"; --threshold takes lighter ones{light}" if not grid.data.any() else light
@@ -122,7 +128,7 @@ def from_image(
     return MadeArena(checked, arena_yaml(arena, heading + walls.notes), notes, (path,), plan)
 
 
-def from_map(path: Path, unknown: Unknown, team: int | None = None) -> MadeArena:
+def from_map(path: Path, unknown: Unknown, team: int | None = None, room: Point | None = None) -> MadeArena:
     """An arena out of a map_server map: the known part of it, moved to the middle of the plane.
 
     It has no fault: floor that no robot reaches is declared, and what cannot be guarded is refused.
@@ -131,6 +137,7 @@ def from_map(path: Path, unknown: Unknown, team: int | None = None) -> MadeArena
         path: the map's YAML file.
         unknown: what cells are that the map knows nothing of.
         team: so many guards have to fit; None: five, or fewer where they do not fit.
+        room: a place in the room where guards start, metres, the arena's frame; None: in the largest.
 
     Raises:
         InputError: the map cannot be read, knows nothing, has no room for a guard, or is too large or ragged
@@ -149,7 +156,7 @@ def from_map(path: Path, unknown: Unknown, team: int | None = None) -> MadeArena
         raise InputError(f"{path}: there is no floor in it: no known cell is free")
     try:
         walls = _Walls.of(without_cracks(centred(dark, grid.resolution)), path.stem)
-        arena, notes = _populated(walls.arena, team)
+        arena, notes = _populated(walls.arena, team, room)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     arena, closed = _declared(arena)
@@ -202,12 +209,12 @@ def _coarse(cell_m: float, larger_m: float, blocks: int) -> str:
     )
 
 
-def _populated(arena: Arena, team: int | None) -> tuple[Arena, list[str]]:
+def _populated(arena: Arena, team: int | None, room: Point | None) -> tuple[Arena, list[str]]:
     """The same with guards and intruders where there is room, and what to know about them.
 
     Raises InputError: there is no room for a guard, or for so many as ``team``.
     """
-    robots = start_of_guards(arena, TEAM if team is None else team)
+    robots = start_of_guards(arena, TEAM if team is None else team, room)
     if team is not None and robots.team < team:
         raise InputError(f"{team} guards fit nowhere together; at most {robots.team}: --robots {robots.team}")
     notes = []
@@ -251,9 +258,10 @@ def _declared(arena: Arena) -> tuple[Arena, list[str]]:
         else f"{area_m2:.1f} m2 of floor"
     )
     largest = f", the largest {inside[0].area_m2:.1f} m2" if len(inside) > 1 else ""
+    x, y = inside[0].at
     note = (
-        f"no robot reaches {many} inside{largest} at {shown_place(inside[0].at)}: listed as no_entry_m, where"
-        " 'arena check' finds no fault; to guard it, move robots.center_m"
+        f"no robot reaches {many} inside{largest} at {shown_place((x, y))}: listed as no_entry_m, where"
+        f" 'arena check' finds no fault; --room={x:.2f},{y:.2f} has guards start there"
     )
     points = tuple((round(x, 6), round(y, 6)) for x, y in (piece.at for piece in inside))
     return arena.model_copy(update={"no_entry_m": points}), [note]

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.arena.arena import load_arena
 from tests.arena.drawn_maps import REFUSED, STYLES, drawn
-from tests.cli.command import midnet_bench, one_line_of_complaint, rows, worked
+from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 
 QUICK = {"turtlebot3_world", "tiny", "tiny_3_m", "disconnected", "no_floor", "raw", "metres"}
 TRIAL = ("--engine", "fast", "--robots", 1, "--frames", 40, "--seeds", 1, "-o", "results")
@@ -25,8 +26,8 @@ def test_a_map_runs_or_a_line_says_why_not(name: str, tmp_path: Path) -> None:
     assert worked("arena", "check", "arena.yaml", folder=tmp_path).stdout.startswith("ok (")
     if name in QUICK - {"disconnected"}:
         return
-    worked("detection", "--arena", "arena.yaml", *TRIAL, folder=tmp_path)
-    assert len(rows(tmp_path / "results" / "trials.csv")) == 1
+    done = worked("detection", "--arena", "arena.yaml", *TRIAL, folder=tmp_path)
+    assert "1 robot " in done.stdout
 
 
 def test_what_is_taken_in_a_small_or_closed_place_is_told(tmp_path: Path) -> None:
@@ -39,6 +40,12 @@ def test_what_is_taken_in_a_small_or_closed_place_is_told(tmp_path: Path) -> Non
     made = worked("arena", "from-map", "rooms.yaml", "--robots", 3, "-o", "arena.yaml", folder=tmp_path)
     (closed,) = made.stderr.splitlines()
     assert closed.startswith("note: no robot reaches 2 pieces of floor, ")
+    room = next(word for word in closed.split() if word.startswith("--room="))
+    moved = worked("arena", "from-map", "rooms.yaml", room, "-o", "there.yaml", folder=tmp_path)
+    x = float(room.removeprefix("--room=").split(",")[0])
+    assert room not in moved.stderr
+    assert abs(load_arena(tmp_path / "there.yaml").robots.center_m[0] - x) < 2.0
+    worked("arena", "check", "there.yaml", folder=tmp_path)
     text = (tmp_path / "arena.yaml").read_text()
     assert "  team: 3\n" in text
     assert text.count("], [") >= 1
