@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.arena.arena import load_arena
-from midnet_bench.arena.layout import TEAM
+from midnet_bench.arena.arena import TEAM, load_arena
 from midnet_bench.campaign.trial import Row
 from midnet_bench.detectors.detector_node import TeamFusion
 from midnet_bench.detectors.fusions import ious

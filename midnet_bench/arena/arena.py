@@ -30,6 +30,9 @@ Count = Annotated[int, Field(ge=0, le=100)]
 Point = tuple[Coordinate, Coordinate]
 Corners = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 MOST_BLOCKS = 5000  # Engines look for walls one by one; a plan with more rectangles is not drawn by hand.
+TEAM = 5
+"""Intruders keep clear of the starts of all teams up to this size, unless an arena says another: one seed's
+intruders suit them all."""
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
 Kind = Literal["person", "box", "cylinder"]
@@ -43,6 +46,11 @@ class RobotStarts(Spec):
 
     center_m: Point = (0.0, 0.0)
     spacing_m: Annotated[float, Field(ge=0.3, le=10.0)] = 0.6  # from each robot on the ring to the next
+    team: Annotated[int, Field(ge=1, le=100, exclude_if=lambda team: team == TEAM)] = TEAM
+    """the largest team that is to start here: intruders keep clear of the starts of all teams up to it
+
+    At its default it is not written: older arenas stay the same text.
+    """
 
 
 class PlacedSolid(Spec):
@@ -146,6 +154,9 @@ class OtherIntruders(Behaviour):
         return length_m / 2.0 if self.kind == "cylinder" else math.hypot(length_m, width_m) / 2.0
 
 
+_WALL_KEYS = ("wall_thickness_m", "wall_height_m", "walls", "blocks")
+
+
 class Arena(Spec):
     """A plane centred on the origin, its walls, and the start of each robot."""
 
@@ -171,12 +182,20 @@ class Arena(Spec):
     other_intruders: Annotated[
         tuple[OtherIntruders, ...], Field(max_length=20, exclude_if=lambda groups: not groups)
     ] = ()
+    no_entry_m: Annotated[tuple[Point, ...], Field(exclude_if=lambda points: not points)] = ()
+    """places (x, y) in floor that no robot reaches and none has to: that floor is no fault of the arena"""
 
     @property
     def has_behaviours(self) -> bool:
         """Whether an intruder does anything else than drive from one random place to the next."""
         burgers = self.mobile_intruders
         return bool(self.other_intruders) or burgers.behaviour != "wander" or burgers.pause_s > 0.0
+
+    @property
+    def walls_alone(self) -> "Arena":
+        """The same without robots and intruders, and equal for all arenas that differ in those alone."""
+        others = set(Arena.model_fields) - {"name", "plane_m", "enclosure_m", *_WALL_KEYS}
+        return self.model_copy(update={key: Arena.model_fields[key].default for key in others})
 
     def plane_grid(self, resolution_m: float, value: np.generic) -> OccupancyGrid:
         """A grid over the whole plane, of ``value`` and its dtype throughout."""

@@ -12,8 +12,6 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Floats, Pose2D, Solid, gap_m, lengths
 from midnet_bench.rng import stream
 
-TEAM = 5
-"""Intruders keep clear of the starts of all teams up to this size, so one seed's intruders suit them all."""
 ROBOT_CLEARANCE_M = 0.2
 """From a security robot's start to anything that stands (a Burger's body reaches 0.124 m from its axle); one
 that reaches farther keeps its own reach."""
@@ -54,8 +52,8 @@ def place(
 ) -> Layout:
     """The arena as ``seed`` draws it for a team of ``robots`` whose bodies reach so far from their axles.
 
-    Stationary and mobile intruders do not depend on the team's size (up to five), and the first k
-    mobile ones are the same whatever their number: cells of a campaign meet the same worlds
+    Stationary and mobile intruders do not depend on the team's size (up to the arena's ``team``), and the
+    first k mobile ones are the same whatever their number: cells of a campaign meet the same worlds
     (common random numbers, item 71). ``mobile_intruders``: the arena's own number when None.
 
     Raises:
@@ -68,7 +66,7 @@ def place(
         raise InputError(f"intruders: must not be negative (got {wanted})")
     _check_reach(arena, robots, wanted, reach_m)
     starts = robot_starts(arena, robots)
-    sizes = {*range(1, TEAM + 1), robots}
+    sizes = {*range(1, arena.robots.team + 1), robots}
     all_starts = _points([pose for size in sizes for pose in robot_starts(arena, size)])
     stationary = arena.placed_solids() + _draw_stationary(arena, seed, all_starts)
     points, solids = _points(starts), arena.wall_solids() + stationary
@@ -125,7 +123,7 @@ def _draw_stationary(arena: Arena, seed: int, starts: Floats) -> tuple[Solid, ..
                 drawn = (*drawn, solid)
     raise InputError(
         f"arena '{arena.name}': stationary_intruders.count: no room for {spec.count} with seed {seed}; "
-        f"take fewer, smaller ones, a smaller clearance_m, or at most {TEAM} robots"
+        f"take fewer, smaller ones, a smaller clearance_m, or at most {arena.robots.team} robots"
     )
 
 
@@ -156,7 +154,8 @@ def _draw_mobile(
         else:
             raise InputError(
                 f"arena '{arena.name}': mobile_intruders: no room for {count} with seed {seed}; "
-                f"take fewer of them, at most {TEAM} robots, or lower spacing_m or clear_of_robots_m"
+                f"take fewer of them, at most {arena.robots.team} robots, or lower spacing_m or"
+                " clear_of_robots_m"
             )
     return tuple(poses)
 

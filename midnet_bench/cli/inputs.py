@@ -15,12 +15,14 @@ from midnet_bench.errors import InputError, nearest_name
 
 if TYPE_CHECKING:
     from midnet_bench.settings import Leaf
+    from midnet_bench.workflows.arenas import MadeArena
 
 BROKEN = 1  # exit code where something is wrong
 LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
 READINGS = Path(__file__).parent.parent / "docs" / "readings.md"
 arena = add_group("arena", "Show, make and check arenas: floor plans with start poses.")
 MOST_AREAS = 5  # that a line lists
+MOST_GUARDS = 100
 Output = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="FILE", help="The arena's file (default: print it).")
 ]
@@ -199,6 +201,24 @@ def from_image(
         Path, typer.Argument(metavar="IMAGE", help="The plan, a PNG, JPEG or PGM: dark is wall.")
     ],
     resolution: Annotated[float, typer.Option(metavar="METRES", help="Side of a pixel in metres.")],
+    threshold: Annotated[
+        int, typer.Option(metavar="N", help="What is darker than this, of 255, is wall.")
+    ] = 128,
+    walls: Annotated[
+        Literal["dark", "light"],
+        typer.Option(help="How walls are drawn; light ones stand on a dark ground."),
+    ] = "dark",
+    drop_coloured: Annotated[
+        bool,
+        typer.Option("--drop-coloured", help="What is drawn in colour is floor: dimension lines, pipes."),
+    ] = False,
+    drop_thin: Annotated[
+        float,
+        typer.Option(
+            metavar="METRES",
+            help="Lines thinner than this are floor: door arcs, dimension lines, furniture.",
+        ),
+    ] = 0.0,
     drop_specks: Annotated[
         float,
         typer.Option(
@@ -206,23 +226,46 @@ def from_image(
             help="Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
         ),
     ] = 0.0,
+    drop_beside: Annotated[
+        bool,
+        typer.Option(
+            "--drop-beside", help="What lies wholly beside the building is floor: a title, a scale bar."
+        ),
+    ] = False,
+    robots: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="So many guards have to fit at the start (default 5, or as many as do)."
+        ),
+    ] = None,
+    room: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y",
+            help="A place in the room where guards start, in metres as the picture has it (default the "
+            "largest room).",
+        ),
+    ] = None,
     output: Output = None,
 ) -> None:
     """Make an arena of a drawn plan.
 
     Dark pixels become walls: rectangles that cover them exactly. A blank margin is cut off. Where the guards
-    start and how many robots intrude gets values that you may edit.
+    start and how many robots intrude gets values that you may edit. Beside the file go a picture of the arena
+    and one, _plan.png, of what in the plan became wall; doors that are too narrow have their width there.
     """
     if not 0.0 < resolution <= 1.0:
         raise InputError(f"--resolution: {resolution:g} is out of range; allowed: above 0 and at most 1")
-    if not 0.0 <= drop_specks < math.inf:
-        raise InputError(f"--drop-specks: {drop_specks:g} is out of range; allowed: 0 or more")
+    if not 1 <= threshold <= 255:
+        raise InputError(f"--threshold: {threshold} is out of range; allowed: 1 to 255")
+    for name, value in (("--drop-thin", drop_thin), ("--drop-specks", drop_specks)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"{name}: {value:g} is out of range; allowed: 0 or more")
+    from midnet_bench.arena.drawn_plan import Drawing
     from midnet_bench.workflows.arenas import from_image as made_from
 
-    text, notes = made_from(image, resolution, drop_specks)
-    for note in notes:
-        messages.note(f"note: {note}")
-    _give(text, output, image)
+    drawing = Drawing(threshold, walls == "light", drop_coloured, drop_thin, drop_specks, drop_beside)
+    _give(made_from(image, resolution, drawing, _team(robots), _place(room)), output)
 
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
@@ -231,15 +274,31 @@ def from_map(
     unknown: Annotated[
         Literal["wall", "free"], typer.Option(help="What the cells are that the map knows nothing of.")
     ] = "wall",
+    robots: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="So many guards have to fit at the start (default 5, or as many as do)."
+        ),
+    ] = None,
+    room: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y",
+            help="A place in the room where guards start, in metres as the picture has it (default the "
+            "largest room).",
+        ),
+    ] = None,
     output: Output = None,
 ) -> None:
     """Make an arena of a map_server map: its known part, moved to the middle of the plane.
 
-    Occupied cells become walls: rectangles that cover them exactly.
+    Occupied cells become walls: rectangles that cover them exactly, in larger cells where they are too many.
+    'arena check' finds no fault in it: the guards start where they fit, and floor that no robot reaches is
+    listed. A picture goes beside the file.
     """
     from midnet_bench.workflows.arenas import from_map as made_from
 
-    _give(made_from(map_file, unknown), output, map_file)
+    _give(made_from(map_file, unknown, _team(robots), _place(room)), output)
 
 
 @command("check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
@@ -256,17 +315,18 @@ def check_arena(
     five seeds for which there is no room. A picture numbers the faults. The exit code is 1 if there are any.
     Floor that no robot can enter is named with its area: no fault around a building, but look at it inside.
     """
-    from midnet_bench.workflows.arenas import check as checked
+    from midnet_bench.arena.arena import load_arena
+    from midnet_bench.workflows.arena_faults import check as checked
     from midnet_bench.workflows.arenas import write_picture
 
     if output is not None and output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: the picture is a PNG; give a name that ends in .png")
-    found, faults, closed = checked(name)
+    found, faults, closed = checked(load_arena(name))
     if output is not None:
         write_picture(found, faults, output)
     if as_json:
         listed = [{"fault": text, "at_m": at and [round(part, 3) for part in at]} for text, at in faults]
-        areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at, _ in closed]
+        areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at, *_ in closed]
         messages.print_json({"arena": found.name, "faults": listed, "no_entry": areas})
     elif not faults:
         (width_m, height_m), walls = found.enclosure_m, len(found.wall_solids())
@@ -275,7 +335,7 @@ def check_arena(
         for number, fault in enumerate(faults, 1):
             typer.echo(f"{number}: {messages.shown(fault.text)}")
     if closed and not as_json:
-        pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y), _ in closed[:MOST_AREAS])
+        pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y), *_ in closed[:MOST_AREAS])
         more = ", ..." if len(closed) > MOST_AREAS else ""
         closed_m2 = math.fsum(piece.area_m2 for piece in closed)
         typer.echo(f"no robot can enter {closed_m2:.1f} m2 of floor: {pieces}{more}")
@@ -285,14 +345,29 @@ def check_arena(
         raise typer.Exit(BROKEN)
 
 
-def _give(text: str, output: Path | None, source: Path) -> None:
-    """Print the file that was made of another one, or write it. Raises InputError: it would replace that."""
-    if output is None:
-        typer.echo(text, nl=False)
-        return
-    if output.exists() and output.samefile(source):
-        raise InputError(f"-o {output}: the arena is made of this file; give another name")
-    from midnet_bench.io.files import write_atomically
+def _team(robots: int | None) -> int | None:
+    """Raises InputError."""
+    if robots is not None and robots > MOST_GUARDS:
+        raise InputError(f"--robots: {robots} is out of range; allowed: 1 to {MOST_GUARDS}")
+    return robots
 
-    write_atomically(output, text)
-    typer.echo(output)
+
+def _place(room: str | None) -> tuple[float, float] | None:
+    """Raises InputError."""
+    if room is None:
+        return None
+    try:
+        x, y = map(float, room.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not math.isfinite(x + y):
+        raise InputError(f"--room {room}: two numbers are needed, such as --room=1.5,-2")
+    return x, y
+
+
+def _give(made: "MadeArena", output: Path | None) -> None:
+    """Print an arena's file, or write it with its pictures. Raises InputError: it would replace a source."""
+    files = made.write(output) if output is not None else []
+    for note in made.notes:
+        messages.note(f"note: {note}")
+    typer.echo("\n".join(map(str, files)) if files else made.text, nl=bool(files))

@@ -155,13 +155,23 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
         InputError: either file is missing, unreadable, incomplete, or says what no map can.
     """
     path = Path(yaml_path)
-    values = read_yaml(path)
-    if isinstance(values, dict):
-        values = {key: value for key, value in values.items() if isinstance(key, str) and value is not None}
-    file = parse(MapFile, values, str(path))
+    file = _map_file(path)
     cells = occupancy(read_image(path.parent / file.image, f"{path}: image"), file)
     grid = OccupancyGrid(np.ascontiguousarray(cells[::-1]), as_written(file.resolution), file.origin[:2])
     return grid if file.origin[2] == 0.0 else turned(grid, file.origin[2], str(path))
+
+
+def image_of(yaml_path: str | Path) -> Path:
+    """The image of a map. Raises InputError: its YAML file cannot be read, or is none of a map."""
+    path = Path(yaml_path)
+    return path.parent / _map_file(path).image
+
+
+def _map_file(path: Path) -> MapFile:
+    values = read_yaml(path)
+    if isinstance(values, dict):
+        values = {key: value for key, value in values.items() if isinstance(key, str) and value is not None}
+    return parse(MapFile, values, str(path))
 
 
 def turned(grid: OccupancyGrid, yaw_rad: float, source: str) -> OccupancyGrid:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from midnet_bench.plugins import load_reference
+from midnet_bench.robots.lidars import LIDARS
 from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.settings import Scalar, Settings, group, option
 from midnet_bench.simulation.engine import SIMULATORS
@@ -182,8 +183,8 @@ class SimulationSettings(Settings):
     robot: str = option(
         "burger",
         "What guards, explorers and mobile intruders are: "
-        f"{ROBOTS.choices('your own RobotModel', burger='TurtleBot3', waffle='TurtleBot3')}, with another LiDAR as "
-        "burger(lidar=NAME); the names are lds_01, rplidar_a1, ld06, ld19, urg_04lx, tim571 and utm_30lx.",
+        f"{ROBOTS.choices('your own RobotModel', burger='TurtleBot3', waffle='TurtleBot3')}, "
+        f"with another LiDAR as burger(lidar=NAME); the names are {', '.join(LIDARS)}.",
         source="paper: III, Turtlebot3 Burgers",
     )
     world: WorldSettings = group(WorldSettings(), "world")

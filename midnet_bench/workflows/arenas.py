@@ -1,41 +1,44 @@
-"""``midnet-bench arena``: files of arenas out of plans and maps, and what is wrong with one."""
+"""``midnet-bench arena``: files of arenas out of plans and maps, and their pictures."""
 
-import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-import cv2
 import numpy as np
 
-from midnet_bench.agents.patrol import DRIVABLE_M, patrol_points
-from midnet_bench.arena.arena import Arena, arena_path, checked_arena, load_arena
-from midnet_bench.arena.floor_plan import arena_yaml, centred, cropped, dark_cells, specks, without_specks
-from midnet_bench.arena.free_space import cells_near
-from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM, Layout, place, robot_starts
+from midnet_bench.arena.arena import MOST_BLOCKS, TEAM, Arena, MobileIntruders, arena_path, load_arena
+from midnet_bench.arena.drawn_plan import Drawing, Plan, plan_of, remarks
+from midnet_bench.arena.floor_plan import (
+    COARSEST_M,
+    arena_of,
+    arena_yaml,
+    blocks_of,
+    centred,
+    coarser,
+    without_cracks,
+)
+from midnet_bench.arena.layout import Layout, place, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.arena.starts import SPACINGS_M, start_of_guards
 from midnet_bench.drawing.painter import png_of
+from midnet_bench.drawing.plans import draw_plan
 from midnet_bench.drawing.scene import FloorPlan, Robot, Scene, Setup
 from midnet_bench.drawing.stills import draw_arena
-from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import Point, Solid, dense_outline, lengths
-from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, cells_of, cells_to_unset, connected_to
-from midnet_bench.io.checked_yaml import parsed_yaml, read_text
+from midnet_bench.geometry import Point
+from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid
+from midnet_bench.io.checked_yaml import read_text
 from midnet_bench.io.files import write_atomically
-from midnet_bench.io.map_server import load_map, read_image
-from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
+from midnet_bench.io.map_server import image_of, load_map, read_image
+from midnet_bench.workflows.arena_faults import SEEDS, CheckedArena, Fault, check, closed_floor, shown_place
 
 Unknown = Literal["wall", "free"]
-
-SEEDS = 5  # whose layouts are tried
-ROOM_M2 = 0.25  # Less floor than this, where a Burger's centre may be, is no room.
-SPECK_M = 0.6  # up to this length a piece of wall that touches no other may be dirt or a letter
-SHOWN_SPECKS = 5
-_BEAMS = 180
-_STEP_M = 0.05
+SHOWN_FAULTS = 5
+INTRUDERS = ((2, 1.0), (1, 1.0), (1, 0.5))
+"""of an arena made here: how many, and how far from the guards' starts, metres; the first that fits"""
 
 
 def shown(name_or_path: str) -> str:
@@ -44,49 +47,101 @@ def shown(name_or_path: str) -> str:
     return read_text(arena_path(name_or_path))
 
 
-def from_image(path: Path, resolution_m: float, drop_specks_m: float = 0.0) -> tuple[str, list[str]]:
-    """An arena's file out of a drawn plan, and what to know about it, in lines.
+@dataclass(frozen=True)
+class MadeArena:
+    """An arena out of a plan or a map."""
 
-    Dark pixels are wall. A blank margin is cut off; what is left is the enclosure.
+    checked: CheckedArena  # the arena, and what is wrong with it
+    text: str  # its file
+    notes: list[str]  # what to know about it, in lines
+    sources: tuple[Path, ...]  # the files that it is made of
+    plan: Plan | None = None  # what became of the pixels of a drawing
+
+    def write(self, output: Path) -> list[Path]:
+        """Write the arena's file, its picture, and of a drawing what of it became wall; the files.
+
+        Raises:
+            InputError: a file cannot be written, or the arena's would replace what it is made of.
+            MidnetBenchError: the disk is full.
+        """
+        if output.exists() and any(source.exists() and output.samefile(source) for source in self.sources):
+            raise InputError(f"-o {output}: the arena is made of this file; give another name")
+        picture, second = (_picture(output, ending, self.sources) for ending in ("", "_plan"))
+        write_atomically(output, self.text)
+        write_picture(self.checked.arena, self.checked.faults, picture)
+        if self.plan is None:
+            return [output, picture]
+        ways = [(piece.way.at, piece.way.width_m) for piece in self.checked.closed if piece.way is not None]
+        write_atomically(second, png_of(draw_plan(self.plan, self.checked.arena, ways)))
+        return [output, picture, second]
+
+
+def from_image(
+    path: Path,
+    resolution_m: float,
+    drawing: Drawing | None = None,
+    team: int | None = None,
+    room: Point | None = None,
+) -> MadeArena:
+    """An arena out of a drawn plan.
+
+    Dark pixels are wall, and floor that they close all around and that is too narrow for a robot. A blank
+    margin is cut off; what is left is the enclosure.
 
     Args:
         path: a PNG, JPEG or PGM.
         resolution_m: side of a pixel, metres.
-        drop_specks_m: pieces of wall that touch no other and are no longer than this are floor.
+        drawing: how it is drawn.
+        team: so many guards have to fit; None: five, or fewer where they do not fit.
+        room: a place in the room where guards start, metres, the arena's frame; None: in the largest.
 
     Raises:
-        InputError: the image cannot be read, is all floor or all wall, or too large or ragged for an arena.
+        InputError: the image cannot be read, is all floor or all wall, has no room for a guard, or is too
+            large or ragged for an arena.
     """
-    drawn = dark_cells(read_image(path, "arena from-image", takes_jpeg=True), resolution_m)
-    grid = cropped(without_specks(drawn, drop_specks_m))
-    heading = [f"From the plan {path.name}: {grid.width} x {grid.height} pixels of {resolution_m:g} m."]
+    drawing = drawing or Drawing()
+    pixels = read_image(path, "arena from-image", takes_jpeg=True)
+    plan = plan_of(pixels, resolution_m, drawing)
     notes = []
-    if grid.data.shape != drawn.data.shape:
-        wide_m, high_m = (side * resolution_m for side in (drawn.width, drawn.height))
+    grid, whole = plan.walls, plan.kinds
+    if grid.data.shape != whole.data.shape:
+        wide_m, high_m = (side * resolution_m for side in (whole.width, whole.height))
         notes.append(
             f"the blank margin of the plan is cut off: {grid.width * resolution_m:g} x"
             f" {grid.height * resolution_m:g} m of {wide_m:g} x {high_m:g} m are left"
         )
-    if small := specks(grid, SPECK_M):
-        places = ", ".join(_place(speck.at) for speck in small[:SHOWN_SPECKS])
-        more = ", ..." if len(small) > SHOWN_SPECKS else ""
-        size_m = math.ceil(small[0].size_m * 100.0 - 1e-6) / 100.0
-        notes.append(
-            f"{len(small)} small piece{'s' if len(small) > 1 else ''} of wall up to {size_m:g} m long, at"
-            f" {places}{more}: specks or lettering? --drop-specks {size_m:g} makes them floor"
-        )
-    return _text(grid, path, heading + notes), notes
+    notes += remarks(pixels, plan, drawing)
+    try:
+        walls = _Walls.of(grid, path.stem)
+        arena, more = _populated(walls.arena, team, room)
+    except InputError as error:
+        light = "" if drawing.has_light_walls else "; light walls on a dark ground take --walls light"
+        hint = f"; --threshold takes lighter ones{light}" if not grid.data.any() else light
+        is_dark = np.count_nonzero(grid.data) > grid.data.size / 2 or not grid.data.any()
+        raise InputError(f"{path}: {error}{hint if is_dark else ''}") from error
+    heading = [f"From the plan {path.name}: {grid.width} x {grid.height} pixels of {resolution_m:g} m."]
+    checked = check(arena)
+    faults = [fault.text for fault in checked.faults]
+    notes += [*walls.notes, *more, *faults[:SHOWN_FAULTS]]
+    if len(faults) > SHOWN_FAULTS:
+        notes.append(f"and {len(faults) - SHOWN_FAULTS} more faults: 'midnet-bench arena check' lists them")
+    return MadeArena(checked, arena_yaml(arena, heading + walls.notes), notes, (path,), plan)
 
 
-def from_map(path: Path, unknown: Unknown) -> str:
-    """An arena's file out of a map_server map: the known part of it, moved to the middle of the plane.
+def from_map(path: Path, unknown: Unknown, team: int | None = None, room: Point | None = None) -> MadeArena:
+    """An arena out of a map_server map: the known part of it, moved to the middle of the plane.
+
+    It has no fault: floor that no robot reaches is declared, and what cannot be guarded is refused.
 
     Args:
         path: the map's YAML file.
         unknown: what cells are that the map knows nothing of.
+        team: so many guards have to fit; None: five, or fewer where they do not fit.
+        room: a place in the room where guards start, metres, the arena's frame; None: in the largest.
 
     Raises:
-        InputError: the map cannot be read, knows nothing, or is too large or ragged for an arena.
+        InputError: the map cannot be read, knows nothing, has no room for a guard, or is too large or ragged
+            for an arena.
     """
     grid = load_map(path)
     rows, columns = np.nonzero(grid.data >= FREE)
@@ -97,168 +152,134 @@ def from_map(path: Path, unknown: Unknown) -> str:
     dark = known >= OCCUPIED_FROM
     if unknown == "wall":
         dark |= known < FREE
-    moved = centred(dark, grid.resolution)
-    x, y = (new - cells * grid.resolution for new, cells in zip(moved.origin, (left, low), strict=True))
+    if dark.all():
+        raise InputError(f"{path}: there is no floor in it: no known cell is free")
+    try:
+        walls = _Walls.of(without_cracks(centred(dark, grid.resolution)), path.stem)
+        arena, notes = _populated(walls.arena, team, room)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    arena, closed = _declared(arena)
+    checked = check(arena)
+    if checked.faults:
+        raise InputError(f"{path}: {checked.faults[0].text}")
+    x, y = (new - cells * grid.resolution for new, cells in zip(walls.origin, (left, low), strict=True))
     heading = [
         f"From the map {path.name}; cells that it does not know are {unknown}.",
         f"In this arena's frame the map's origin is [{x:.6f}, {y:.6f}, 0]: write that into a copy of its YAML"
         " file to guard by the map itself.",
+        *walls.notes,
     ]
-    return _text(moved, path, heading)
+    said = [*walls.notes, *notes, *closed]
+    return MadeArena(checked, arena_yaml(arena, heading), said, (path, image_of(path)))
 
 
-def _text(dark: OccupancyGrid, path: Path, heading: list[str]) -> str:
-    try:
-        text = arena_yaml(dark, path.stem, heading)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    checked_arena(parsed_yaml(text, str(path)), str(path))
-    return text
-
-
-class Fault(NamedTuple):
-    """Something that is wrong with an arena."""
-
-    text: str  # a line
-    at: Point | None  # where, metres, map frame
-
-
-class ClosedFloor(NamedTuple):
-    """A piece of floor that no robot can enter."""
-
-    area_m2: float  # where a Burger's centre could be
-    at: Point  # a place in it, metres, map frame
-    is_outside: bool  # whether it reaches the enclosure's edge
-
-
-class CheckedArena(NamedTuple):
-    """An arena and its faults."""
+class _Walls(NamedTuple):
+    """An arena with walls and no robots yet."""
 
     arena: Arena
-    faults: list[Fault]
-    closed: list[ClosedFloor]
-    """of at least ``ROOM_M2`` each, the largest first; floor around the building is among them"""
+    origin: tuple[float, float]  # where the lower left corner of the grid went that it was made of, metres
+    notes: list[str]
+
+    @classmethod
+    def of(cls, dark: OccupancyGrid, name: str) -> "_Walls":
+        """The walls of a grid exactly; in larger cells where they are more rectangles than an arena may have.
+
+        Raises InputError: there is no wall, or it is too large or ragged.
+        """
+        # the size is told before anything is looked for
+        arena_of(dark, [(0, 0, 1, 1)] if dark.data.any() else [], name)
+        for times in range(1, max(1, int(COARSEST_M / dark.resolution + 1e-6)) + 1):
+            grid = coarser(dark, times)
+            moved = centred(grid.data, grid.resolution)
+            blocks = blocks_of(moved)
+            if blocks is not None:
+                notes = [] if times == 1 else [_coarse(dark.resolution, grid.resolution, len(blocks))]
+                return cls(arena_of(moved, blocks, name), moved.origin, notes)
+        raise InputError(
+            f"its walls take more than {MOST_BLOCKS} rectangles, even in cells of"
+            f" {max(COARSEST_M, dark.resolution):g} m: cut a part out of it, or clear it of noise"
+        )
 
 
-def check(name_or_path: str) -> CheckedArena:
-    """An arena, and what is wrong with it: starts, rooms, patrols, and the layouts of the first seeds.
+def _coarse(cell_m: float, larger_m: float, blocks: int) -> str:
+    return (
+        f"the walls take more than {MOST_BLOCKS} rectangles in cells of {cell_m:g} m, and {blocks} in those"
+        f" of {larger_m:g} m, which are taken: walls grow by less than one; guard by prior_map=exact"
+    )
 
-    Raises:
-        InputError: the file cannot be read, or is none of an arena.
+
+def _populated(arena: Arena, team: int | None, room: Point | None) -> tuple[Arena, list[str]]:
+    """The same with guards and intruders where there is room, and what to know about them.
+
+    Raises InputError: there is no room for a guard, or for so many as ``team``.
     """
-    arena = load_arena(name_or_path)
-    solids = arena.wall_solids() + arena.placed_solids()
-    faults = _starts(arena, solids)
-    reachable, closed = _floor(arena)
-    if reachable.data.any():
-        for room in closed:
-            text = (
-                f"a room at {_place(room.at)} cannot be reached: no way to its {room.area_m2:.1f} m2 that a "
-                f"Burger passes, which needs {2 * DRIVABLE_M:g} m; open a door or fill it"
-            )
-            faults += [] if room.is_outside else [Fault(text, room.at)]
-        try:
-            patrol_points(render_exact(arena), arena.robots.center_m, arena.enclosure_m)
-        except InputError as error:
-            faults.append(Fault(str(error).removeprefix("prior_map: "), arena.robots.center_m))
-    layouts: list[Layout] = []
-    for seed in range(1, SEEDS + 1):
-        try:
-            layouts.append(place(arena, seed, 1))
-        except InputError as error:
-            text = str(error).removeprefix(f"arena '{arena.name}': ")
-            # a start that collides is listed already, with its place
-            if not text.startswith("robots: ") and not any(fault.text == text for fault in faults):
-                faults.append(Fault(text, None))
-    faults += _never_seen(arena, reachable, layouts)
-    return CheckedArena(arena, faults, sorted(closed, key=lambda piece: -piece.area_m2))
+    robots = start_of_guards(arena, TEAM if team is None else team, room)
+    if team is not None and robots.team < team:
+        raise InputError(f"{team} guards fit nowhere together; at most {robots.team}: --robots {robots.team}")
+    notes = []
+    if robots.team < TEAM and team is None:
+        notes.append(
+            f"{TEAM} guards fit nowhere together: {robots.team} start at {shown_place(robots.center_m)}"
+            f" (--robots {robots.team} of a trial)"
+        )
+    elif robots.spacing_m < SPACINGS_M[0]:
+        notes.append(f"guards start {robots.spacing_m:g} m apart: there is no room for {SPACINGS_M[0]:g} m")
+    for count, clear_m in INTRUDERS:
+        intruders = MobileIntruders(count=count, clear_of_robots_m=clear_m)
+        made = arena.model_copy(update={"robots": robots, "mobile_intruders": intruders})
+        if _has_room(made):
+            if (count, clear_m) != INTRUDERS[0]:
+                notes.append(f"one intruder, {clear_m:g} m from the guards' starts: there is no room for two")
+            return made, notes
+    notes.append("no intruder: there is no room for one")
+    return arena.model_copy(update={"robots": robots, "mobile_intruders": MobileIntruders()}), notes
 
 
-def _floor(arena: Arena) -> tuple[OccupancyGrid, list[ClosedFloor]]:
-    """Where a guard can drive, bool, and where it has room but cannot come."""
-    near = cells_near(arena, arena.placed_solids(), DRIVABLE_M)
-    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
-    inside = (np.abs(near.x_centers) < half_x) & (np.abs(near.y_centers) < half_y)[:, None]
-    floor = ~near.data & inside
-    reachable = near.with_data(connected_to(*near.cell_at(*arena.robots.center_m), floor))
-    closed = (floor & ~reachable.data).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
-    room_m = cells_to_unset(np.pad(closed, 1))[1:-1, 1:-1]
-    rows, columns = np.nonzero(inside)
-    borders = {int(rows.min()), int(rows.max())}, {int(columns.min()), int(columns.max())}
-    pieces = []
-    for label, (left, low, width, height, cells) in enumerate(stats.tolist()):
-        area_m2 = cells * near.resolution**2
-        if label == 0 or area_m2 < ROOM_M2:
-            continue
-        is_outside = borders[0] & {low, low + height - 1} or borders[1] & {left, left + width - 1}
-        # the cell that is farthest from the piece's edge
-        row, column = divmod(int(np.where(labels == label, room_m, 0.0).argmax()), near.width)
-        pieces.append(ClosedFloor(area_m2, near.center_of(column, row), bool(is_outside)))
-    return reachable, pieces
+def _has_room(arena: Arena) -> bool:
+    try:
+        for seed in range(1, SEEDS + 1):
+            place(arena, seed, 1)
+    except InputError:
+        return False
+    return True
 
 
-def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
-    """Starts of teams that stand in or at something."""
-    faults = []
-    for team in range(1, TEAM + 1):
-        starts = np.array([(pose.x, pose.y) for pose in robot_starts(arena, team)])
-        gaps_m = np.min([solid.distance_to(starts) for solid in solids], axis=0)
-        worst = int(gaps_m.argmin())
-        if gaps_m[worst] < ROBOT_CLEARANCE_M:
-            at = (float(starts[worst, 0]), float(starts[worst, 1]))
-            text = (
-                f"robots: guard {worst + 1} of {team} starts at {_place(at)}, "
-                f"{max(float(gaps_m[worst]), 0.0):.2f} m from a wall or an intruder; "
-                f"{ROBOT_CLEARANCE_M:g} m are needed: move center_m or lower spacing_m"
-            )
-            faults.append(Fault(text, at))
-    return faults
+def _declared(arena: Arena) -> tuple[Arena, list[str]]:
+    """The same with the floor inside it declared that no robot reaches, and a line about it."""
+    _, closed = closed_floor(arena, ways=0)
+    inside = [piece for piece in closed if not piece.is_outside]
+    if not inside:
+        return arena, []
+    area_m2 = sum(piece.area_m2 for piece in inside)
+    many = (
+        f"{len(inside)} pieces of floor, {area_m2:.1f} m2,"
+        if len(inside) > 1
+        else f"{area_m2:.1f} m2 of floor"
+    )
+    largest = f", the largest {inside[0].area_m2:.1f} m2" if len(inside) > 1 else ""
+    x, y = inside[0].at
+    note = (
+        f"no robot reaches {many} inside{largest} at {shown_place((x, y))}: listed as no_entry_m, where"
+        f" 'arena check' finds no fault; --room={x:.2f},{y:.2f} has guards start there"
+    )
+    points = tuple((round(x, 6), round(y, 6)) for x, y in (piece.at for piece in inside))
+    return arena.model_copy(update={"no_entry_m": points}), [note]
 
 
-def _never_seen(arena: Arena, reachable: OccupancyGrid, layouts: Sequence[Layout]) -> list[Fault]:
-    """Stationary intruders that no beam of a guard meets from anywhere within its usable range."""
-    range_m, placed = DetectionParameters().costmap.obstacle_range_m, len(arena.placed_solids())
-    first: dict[Solid, tuple[int, Layout]] = {}
-    for layout in layouts:
-        for number, solid in enumerate(layout.stationary):
-            first.setdefault(solid, (number, layout))
-    faults = []
-    for solid, (number, layout) in first.items():
-        if not is_seen(solid, layout.solids, reachable, range_m):
-            at = (solid.pose.x, solid.pose.y)
-            name = f"stationary_intruders.placed.{number}"
-            if number >= placed:
-                name = f"stationary_intruders: number {number + 1} of seed {layout.seed}"
-            faults.append(Fault(f"{name} at {_place(at)}: no guard can ever see it within {range_m:g} m", at))
-    return faults
+def _picture(output: Path, ending: str, sources: Sequence[Path]) -> Path:
+    """Where a picture of an arena goes: beside its file, under its name, where that replaces nothing else.
 
-
-def is_seen(solid: Solid, solids: tuple[Solid, ...], reachable: OccupancyGrid, range_m: float) -> bool:
-    """Whether a straight line of at most ``range_m`` joins a solid's surface to a cell of ``reachable``.
-
-    ``solids``: all that hides, ``solid`` among them. The surface is taken every 5 cm or less.
+    Args:
+        output: the arena's file, not written yet.
+        ending: of the picture's name.
+        sources: the files that the arena is made of.
     """
-    points = dense_outline(solid.outline, _STEP_M)
-    away = points - (solid.pose.x, solid.pose.y)
-    # off the surface, so that lines into the solid itself end at once
-    points = points + 0.005 * away / lengths(away)[:, None]
-    ways = directions(2.0 * math.pi * np.arange(_BEAMS) / _BEAMS)
-    fans = np.broadcast_to(ways, (len(points), *ways.shape)).copy()
-    ranges_m = np.minimum(cast_on_outlines(points, fans, outlines_of(solids)[:], 0.0, range_m), range_m)
-    along = np.arange(0.0, range_m, _STEP_M)
-    for point, free_m in zip(points, ranges_m, strict=True):
-        lines = point + along[None, :, None] * ways[:, None]
-        column, row = np.moveaxis(cells_of(reachable, lines), -1, 0)
-        lit = (along[None] < free_m[:, None]) & (column >= 0) & (row >= 0)
-        lit &= (column < reachable.width) & (row < reachable.height)
-        if reachable.data[row[lit], column[lit]].any():
-            return True
-    return False
-
-
-def _place(at: Point) -> str:
-    return f"({at[0]:.2f}, {at[1]:.2f})"
+    picture = output.with_name(f"{output.stem}{ending}.png")
+    is_anothers = picture.exists() and (
+        not output.exists() or any(source.exists() and picture.samefile(source) for source in sources)
+    )
+    return picture.with_stem(f"{picture.stem}_arena") if is_anothers else picture
 
 
 def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:

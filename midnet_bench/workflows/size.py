@@ -16,7 +16,7 @@ import pandas as pd
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate, share
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.arena.arena import Arena
+from midnet_bench.arena.arena import Arena, load_arena
 from midnet_bench.arena.free_space import doors
 from midnet_bench.campaign.definition import Campaign, Values, load_campaign, override, resolve
 from midnet_bench.campaign.runner import Plan, plan
@@ -26,7 +26,7 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Point
 from midnet_bench.io.files import write_atomically
-from midnet_bench.workflows.arenas import check as checked_arena
+from midnet_bench.workflows.arena_faults import check as checked_arena
 from midnet_bench.workflows.campaigns import campaign_file, run_resolved
 
 if TYPE_CHECKING:
@@ -175,15 +175,17 @@ def ask(question: Question) -> tuple[Question, Arena, list[str]]:
     Raises:
         InputError: the building cannot be read, or cannot be guarded: a room that no robot reaches.
     """
-    found = checked_arena(question.arena)
+    found = checked_arena(load_arena(question.arena))
     # one intruder at an entrance needs no room for the arena's own
     rooms = [fault.text for fault in found.faults if not fault.text.startswith("mobile_intruders")]
     if rooms:
         more = f" (and {len(rooms) - 1} more: 'midnet-bench arena check')" if len(rooms) > 1 else ""
         raise InputError(f"{question.arena}: cannot be guarded: {rooms[0]}{more}")
     notes = [
-        f"no robot can enter {area_m2:.1f} m2 of floor at ({x:.2f}, {y:.2f}): is it outside the building?"
-        for area_m2, (x, y), _ in found.closed
+        f"no robot can enter {closed.area_m2:.1f} m2 of floor at ({closed.at[0]:.2f}, {closed.at[1]:.2f}):"
+        " is it outside the building?"
+        for closed in found.closed
+        if not closed.is_declared
     ]
     if question.entrances is None:
         try:

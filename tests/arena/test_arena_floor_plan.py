@@ -6,17 +6,20 @@ from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from midnet_bench.arena.arena import MOST_BLOCKS, Arena, checked_arena
+from midnet_bench.arena.drawn_plan import dark_cells, specks, without_specks
 from midnet_bench.arena.floor_plan import (
+    arena_of,
     arena_yaml,
+    blocks_of,
     centred,
+    coarser,
     cropped,
-    dark_cells,
     rectangles,
-    specks,
-    start_of_guards,
-    without_specks,
+    without_cracks,
 )
+from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.arena.starts import start_of_guards
 from midnet_bench.errors import InputError
 from midnet_bench.io.checked_yaml import parsed_yaml
 
@@ -25,9 +28,15 @@ ROOM[:2] = ROOM[-2:] = True
 ROOM[:, :2] = ROOM[:, -2:] = True
 
 
-def arena_of(dark: np.ndarray, resolution_m: float = 0.05) -> Arena:
-    text = arena_yaml(centred(dark, resolution_m), "drawn", ["From nowhere."])
-    return checked_arena(parsed_yaml(text, "drawn"), "drawn")
+def drawn_arena(dark: np.ndarray, resolution_m: float = 0.05) -> Arena:
+    grid = centred(dark, resolution_m)
+    blocks = blocks_of(grid)
+    assert blocks is not None
+    return arena_of(grid, blocks, "drawn")
+
+
+def written(arena: Arena) -> str:
+    return arena_yaml(arena, ["From nowhere."])
 
 
 @pytest.mark.slow
@@ -63,7 +72,8 @@ def test_the_arena_drawn_again_is_the_plan(resolution_m: float, seed: int) -> No
     for _ in range(12):
         row, column = rng.integers(0, 45, 2)
         dark[row : row + rng.integers(1, 4), column : column + rng.integers(1, 9)] = True
-    arena = arena_of(dark, resolution_m)
+    arena = drawn_arena(dark, resolution_m)
+    assert checked_arena(parsed_yaml(written(arena), "drawn"), "drawn") == arena
     grid = render_exact(arena, resolution_m)
     margin = [(whole - part) // 2 for whole, part in zip(grid.data.shape, dark.shape, strict=True)]
     assert margin == [round(1.0 / resolution_m)] * 2 or resolution_m == 0.11
@@ -80,12 +90,73 @@ def test_the_arena_drawn_again_is_the_plan(resolution_m: float, seed: int) -> No
 def test_guards_start_in_the_largest_room_not_around_the_building() -> None:
     dark = np.pad(ROOM, 30)  # much white paper around it
     dark[30:80, 45] = True  # a small room on the left
-    x, y = start_of_guards(centred(dark, 0.05))
+    x, y = start_of_guards(drawn_arena(dark), 5).center_m
     assert -1.0 < x < 1.75
     assert abs(y) < 0.7
     dark = np.pad(ROOM, 10)
     dark[10:12, 30:60] = False  # with a door in its wall it is still the place
-    assert abs(start_of_guards(centred(dark, 0.05))[1]) < 1.0
+    assert abs(start_of_guards(drawn_arena(dark), 5).center_m[1]) < 1.0
+
+
+def room_of(width_m: float, height_m: float) -> Arena:
+    dark = np.ones((round(height_m / 0.05) + 4, round(width_m / 0.05) + 4), np.bool_)
+    dark[2:-2, 2:-2] = False
+    return drawn_arena(dark)
+
+
+@pytest.mark.parametrize(
+    ("sides_m", "team", "spacing_m"),
+    [((4.0, 4.0), 5, 0.6), ((1.3, 1.3), 5, 0.45), ((1.1, 1.1), 5, 0.3), ((1.2, 0.85), 3, 0.3)],
+)
+def test_guards_start_as_wide_apart_as_there_is_room(
+    sides_m: tuple[float, float], team: int, spacing_m: float
+) -> None:
+    arena = room_of(*sides_m)
+    found = start_of_guards(arena, 5)
+    assert (found.team, found.spacing_m) == (team, spacing_m)
+    arena = arena.model_copy(update={"robots": found})
+    for size in range(1, found.team + 1):
+        starts = np.array([(pose.x, pose.y) for pose in robot_starts(arena, size)])
+        assert min(solid.distance_to(starts).min() for solid in arena.wall_solids()) >= ROBOT_CLEARANCE_M
+    assert start_of_guards(arena, 1).team == 1
+
+
+def test_a_team_starts_where_it_fits_and_not_at_the_middle_of_a_narrow_room() -> None:
+    dark = np.ones((100, 200), np.bool_)
+    dark[45:65, 2:-2] = False  # a corridor of 1 m
+    dark[20:90, 150:-2] = False  # and a hall at its end
+    found = start_of_guards(drawn_arena(dark), 5)
+    assert (found.team, found.spacing_m) == (5, 0.6)
+    assert found.center_m[0] > 2.5
+
+
+@pytest.mark.parametrize(
+    ("sides_m", "said"),
+    [((0.2, 0.2), "no floor in it that is 0.3 m wide"), ((5.0, 0.6), "no floor in it is 0.8 m")],
+)
+def test_no_room_for_a_guard_is_told(sides_m: tuple[float, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        start_of_guards(room_of(*sides_m), 5)
+
+
+def test_coarser_cells_are_set_where_any_of_theirs_is() -> None:
+    dark = np.zeros((5, 7), np.bool_)
+    dark[4, 6] = dark[0, 1] = True
+    grid = coarser(centred(dark, 0.1), 3)
+    assert grid.data.tolist() == [[True, False, False], [False, False, True]]
+    assert (grid.resolution, grid.origin) == (pytest.approx(0.3), centred(dark, 0.1).origin)
+
+
+def test_floor_that_is_closed_and_narrow_becomes_wall() -> None:
+    dark = ROOM.copy()
+    dark[10:15, 10:40] = True
+    dark[12, 12:38] = False  # a crack
+    dark[30:46, 10:26] = True
+    dark[31:45, 11:25] = False  # a closet of 0.7 m
+    dark[20:24, 60:70] = True
+    dark[21:23, 61:70] = False  # open at the grid's edge
+    filled = without_cracks(centred(dark, 0.05)).data
+    assert np.argwhere(filled & ~dark).tolist() == [[12, column] for column in range(12, 38)]
 
 
 def test_what_is_dark_is_wall_and_what_is_transparent_is_floor() -> None:
@@ -104,16 +175,22 @@ def test_what_is_dark_is_wall_and_what_is_transparent_is_floor() -> None:
     [
         (np.zeros((20, 20), np.bool_), "no wall"),
         (np.ones((20, 20), np.bool_), "no floor"),
-        (np.indices((300, 300)).sum(axis=0) % 2 == 0, f"more than {MOST_BLOCKS} rectangles"),
+        (np.ones((20, 4000), np.bool_), "it is 200 x 1 m large, and an arena has at most 198 m a side"),
     ],
 )
 def test_a_plan_of_which_no_arena_can_be_made(dark: np.ndarray, said: str) -> None:
+    grid = centred(dark, 0.05)
     with pytest.raises(InputError, match=said):
-        arena_of(dark)
+        start_of_guards(arena_of(grid, blocks_of(grid) or [], "drawn"), 5)
+
+
+def test_more_rectangles_than_an_arena_may_have_are_none() -> None:
+    assert blocks_of(centred(np.indices((300, 300)).sum(axis=0) % 2 == 0, 0.05)) is None
+    assert len(blocks_of(centred(np.indices((100, 100)).sum(axis=0) % 2 == 0, 0.05)) or []) == MOST_BLOCKS
 
 
 def test_an_arena_needs_a_wall_and_blocks_that_are_some() -> None:
-    values = parsed_yaml(arena_yaml(centred(ROOM, 0.05), "drawn", []), "drawn")
+    values = parsed_yaml(written(drawn_arena(ROOM)), "drawn")
     for blocks, said in (
         ([], "walls: there is none"),
         ([[1.0, 0.0, 0.0, 1.0]], "blocks.0: give x_min, y_min, x_max, y_max"),
@@ -125,7 +202,7 @@ def test_an_arena_needs_a_wall_and_blocks_that_are_some() -> None:
 
 
 def test_an_arena_without_blocks_is_written_as_ever() -> None:
-    values = parsed_yaml(arena_yaml(centred(ROOM, 0.05), "drawn", []), "drawn")
+    values = parsed_yaml(written(drawn_arena(ROOM)), "drawn")
     arena = checked_arena({**values, "blocks": [], "walls": [[[-1, 0], [1, 0]]]}, "drawn")
     assert "blocks" not in arena.model_dump_json()
     assert "blocks" in checked_arena(values, "drawn").model_dump_json()

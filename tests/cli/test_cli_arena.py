@@ -10,7 +10,7 @@ import yaml
 
 from midnet_bench.arena.arena import FOLDER, arena_names, load_arena
 from midnet_bench.io.map_server import load_map
-from tests.cli.command import midnet_bench, one_line_of_complaint, worked
+from tests.cli.command import MAP_KEYS, midnet_bench, one_line_of_complaint, worked
 
 ROOMS = {
     "name": "two rooms",
@@ -69,10 +69,12 @@ def test_a_scanned_plan_loses_its_margin_and_its_specks_are_named(tmp_path: Path
     cv2.imwrite(str(tmp_path / "scan.jpg"), pixels, [cv2.IMWRITE_JPEG_QUALITY, 95])
     scan = ("arena", "from-image", "scan.jpg", "--resolution", 0.04, "-o", "mine.yaml")
     made = worked(*scan, folder=tmp_path)
-    (margin, small) = made.stderr.splitlines()
+    (margin, small, beside) = made.stderr.splitlines()
     assert "7.4 x 6 m of 8.8 x 7.2 m are left" in margin
     assert "2 small pieces of wall up to 0.2 m long, at (" in small
     assert "--drop-specks 0.2 makes them floor" in small
+    assert "1 piece of wall lies beside the building" in beside
+    assert made.stdout.split() == ["mine.yaml", "mine.png", "mine_plan.png"]
     made = midnet_bench(*scan, "--drop-specks", 0.2, folder=tmp_path)
     assert "the blank margin of the plan is cut off: 6.4 x 4.8 m of 8.8 x 7.2 m are left" in made.stderr
     arena = load_arena(tmp_path / "mine.yaml")
@@ -133,6 +135,57 @@ def test_an_arena_of_a_map_lies_where_its_heading_says(tmp_path: Path) -> None:
         assert np.array_equal(np.min(gaps, axis=0) < 0, (known == 100) | (is_wall & (known < 0)))
 
 
+def test_the_picture_of_an_arena_replaces_no_other_file(tmp_path: Path) -> None:
+    source = plan(tmp_path)
+    before = source.read_bytes()
+    (tmp_path / "mine_plan.png").write_bytes(b"a picture of somebody")
+    made = worked("arena", "from-image", "plan.png", "--resolution", 0.04, "-o", "plan.yaml", folder=tmp_path)
+    assert made.stdout.split() == ["plan.yaml", "plan_arena.png", "plan_plan.png"]
+    made = worked("arena", "from-image", "plan.png", "--resolution", 0.04, "-o", "mine.yaml", folder=tmp_path)
+    assert made.stdout.split() == ["mine.yaml", "mine.png", "mine_plan_arena.png"]
+    assert (tmp_path / "mine_plan.png").read_bytes() == b"a picture of somebody"
+    assert source.read_bytes() == before
+    assert cv2.imread(str(tmp_path / "mine.png")) is not None
+    again = worked(
+        "arena", "from-image", "plan.png", "--resolution", 0.04, "-o", "plan.yaml", folder=tmp_path
+    )
+    assert again.stdout.split()[:2] == ["plan.yaml", "plan_arena.png"]
+    assert source.read_bytes() == before
+
+
+def test_floor_that_an_arena_declares_closed_is_no_fault(tmp_path: Path) -> None:
+    walls = [ROOMS["walls"][0], [[1, 3], [1, 1], [3, 1]]]
+    write(tmp_path, walls=walls)
+    assert midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path).returncode == 1
+    write(tmp_path, walls=walls, no_entry_m=[[2.0, 2.0]])
+    done = worked("arena", "check", "rooms.yaml", folder=tmp_path)
+    first, area, _ = done.stdout.splitlines()
+    assert first.startswith("ok (")
+    assert area.startswith("no robot can enter 2.")
+    write(tmp_path, walls=walls, no_entry_m=[[0.0, 2.0]])  # floor that guards reach
+    assert midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path).returncode == 1
+
+
+def test_the_width_of_a_door_that_no_robot_passes_is_named(tmp_path: Path) -> None:
+    # the gap is less by half a wall at each end
+    walls = [ROOMS["walls"][0], [[1, 3], [1, 1], [1.8, 1]], [[2.2, 1], [3, 1]]]
+    write(tmp_path, walls=walls)
+    done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
+    assert done.returncode == 1
+    fault = done.stdout.splitlines()[0]
+    place, width_m = fault.split("; the widest, at (")[1].split(" m;")[0].split("), has ")
+    x, y = map(float, place.split(", "))
+    assert abs(x - 2.0) < 0.06
+    assert abs(y - 1.0) < 0.2
+    assert float(width_m) == pytest.approx(0.25, abs=0.011)
+
+
+def test_a_start_too_near_to_a_wall_for_goals_is_a_fault(tmp_path: Path) -> None:
+    write(tmp_path, robots={"center_m": [-2.6, 0.0]}, mobile_intruders={"count": 1, "clear_of_robots_m": 0.5})
+    done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
+    assert "robots.center_m: less than 0.4 m from a wall or an obstacle" in done.stdout
+
+
 def test_each_fault_is_a_line_with_its_place(tmp_path: Path) -> None:
     write(
         tmp_path,
@@ -186,9 +239,23 @@ def test_no_room_for_a_layout_is_a_fault(tmp_path: Path) -> None:
         ("from-image plan.png --resolution nan", "--resolution: nan is out of range"),
         (
             "from-image plan.png --resolution 1",
-            "plan.png: plane_m.0: must be at most 200",
+            "plan.png: it is 320 x 240 m large, and an arena has at most 198 m a side",
         ),
         ("from-image white.png --resolution 0.02", "white.png: there is no wall in it"),
+        ("from-image black.png --resolution 0.02", "black.png: there is no floor in it that is 0.3 m wide"),
+        ("from-image plan.png --resolution 0.02 --threshold 0", "--threshold: 0 is out of range; allowed: 1"),
+        ("from-image plan.png --resolution 0.02 --threshold 256", "--threshold: 256 is out of range"),
+        ("from-image plan.png --resolution 0.02 --threshold dark", "--threshold: a whole number is needed"),
+        ("from-image plan.png --resolution 0.02 --drop-thin -1", "--drop-thin: -1 is out of range"),
+        ("from-image plan.png --resolution 0.02 --drop-thin nan", "--drop-thin: nan is out of range"),
+        ("from-image plan.png --resolution 0.02 --drop-thin 9", "plan.png: there is no wall in it"),
+        ("from-image plan.png --resolution 0.02 --walls grey", "'grey' is not one of 'dark', 'light'"),
+        ("from-image plan.png --resolution 0.02 --robots 0", "--robots: must be at least 1"),
+        ("from-image plan.png --resolution 0.02 --robots 101", "--robots: 101 is out of range"),
+        ("from-image plan.png --resolution 0.02 --room 1", "--room 1: two numbers are needed"),
+        ("from-image plan.png --resolution 0.02 --room 1,nan", "--room 1,nan: two numbers are needed"),
+        ("from-map map.yaml --room=70,0", "map.yaml: there is no room for a guard at (70, 0)"),
+        ("from-map map.yaml --robots 90", "map.yaml: 90 guards fit nowhere together; at most "),
         ("from-map wrong.yaml", "wrong.yaml: image: Field required"),
         ("from-map plan.png", "plan.png: "),
     ],
@@ -197,6 +264,8 @@ def test_what_no_arena_can_be_made_of_is_one_line(line: str, said: str, tmp_path
     pixels = cv2.imread(str(plan(tmp_path)), cv2.IMREAD_GRAYSCALE)
     cv2.imwrite(str(tmp_path / "plan.png"), np.repeat(np.repeat(pixels, 2, 0), 2, 1))
     cv2.imwrite(str(tmp_path / "white.png"), np.full_like(pixels, 255))
+    cv2.imwrite(str(tmp_path / "black.png"), np.zeros_like(pixels))
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump({**MAP_KEYS, "resolution": 0.02, "image": "plan.png"}))
     (tmp_path / "wrong.yaml").write_text("name: wrong\n")
     assert said in one_line_of_complaint(midnet_bench("arena", *line.split(), folder=tmp_path))
 
