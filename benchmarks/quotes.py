@@ -42,7 +42,7 @@ COMMANDS = {
     "detection": "run detection-report",
     "detection-edge": "run detection-edge",
     "no-intruders": "run no-intruders",
-    "labyrinth": "labyrinth --trials 20",
+    "labyrinth": "run labyrinth-report",
     "pursuit": "run pursuit",
     "improved": "run improved",
     "best": "run best",

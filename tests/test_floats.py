@@ -23,6 +23,7 @@ WHOLE = {
     *("whole", "least", "middle", "found", "in_range", "near", "numbers", "zip(NONE, *causes, strict=True)"),
     "(2 * _ONE // ((2 * k + 1) * 3 ** (2 * k + 1)) for k in range(_PLACES // 3))",
     "self.rows[column]",
+    "widths",
     "each[name]",
     "map(bool, match.touched)",
     "(self._values_in(part, known) for part in node.value)",

@@ -246,7 +246,7 @@ class Child:
         self.kill()
 
     def kill(self) -> None:
-        """Ends the process, whatever it does; who waits for its reply gets ChildDied."""
+        """Ends the process, whatever it does; a call that waits for its reply raises ChildDied."""
         self._is_killed = True
         self.process.kill()
 
@@ -377,7 +377,7 @@ def _signals_blocked() -> Iterator[None]:
 
 
 def run_in_child(run_trials: bytes, specs: Group, limit_s: float) -> list[Outcome]:
-    """:meth:`Children.run` where nobody cancels or listens, such as on a worker of a cluster."""
+    """:meth:`Children.run` without a way to cancel it, as on a worker of a cluster."""
     return Children().run(run_trials, specs, limit_s)
 
 

@@ -161,7 +161,7 @@ class RobotExtensionPoint(ExtensionPoint):
                 raise self._refusal(choice, f"no option '{key}'{nearest_name(key, [*numbers, 'lidar'])}")
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise self._refusal(choice, f"{key}: a number is needed (got {value!r})")
-            changes[key] = float(value)
+            changes[key] = value
         # no number of the description is a LiDAR's; the engine casts the beams
         if found.urdf is not None and (
             changes.keys() - {"lidar", "lidar_hz"} or choice.place not in self.own

@@ -251,7 +251,7 @@ def _declared(arena: Arena) -> tuple[Arena, list[str]]:
     inside = [piece for piece in closed if not piece.is_outside]
     if not inside:
         return arena, []
-    area_m2 = sum(piece.area_m2 for piece in inside)
+    area_m2 = math.fsum(piece.area_m2 for piece in inside)
     many = (
         f"{len(inside)} pieces of floor, {area_m2:.1f} m2,"
         if len(inside) > 1

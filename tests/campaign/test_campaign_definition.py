@@ -79,7 +79,6 @@ def test_a_file_becomes_resolved_trials_seed_by_seed(tmp_path: Path) -> None:
             f"  coins: {[*range(1, 1001)]}\n  work_s: {[*range(1000)]}\n  trouble_seed: {[*range(1000)]}",
             "grid: 3000000000 cells, and each is checked before the first trial; give at most 10000",
         ),
-        ("  coins: [1, 2]", "  noise_bytes: [1, 2]", "grid.noise_bytes: the table 'tosses' has a column of"),
         ("  coins: [1, 2]", "  table: [oak]", "parameters.table: also a factor of the grid"),
         ("  table: glass", "  tabel: glass", "parameters.tabel: unknown key; did you mean 'table'?"),
         ("  table: glass", "  work_s: -1", "parameters: work_s: Input should be greater"),
