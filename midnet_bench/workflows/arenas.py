@@ -1,5 +1,6 @@
 """``midnet-bench arena``: files of arenas out of plans and maps, and their pictures."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
