@@ -15,6 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 detection: .venv/ready
 	$(RUN) detection
+	@echo "To go on, type: source .venv/bin/activate"
 
 labyrinth: .venv/ready
 	$(RUN) labyrinth
