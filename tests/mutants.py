@@ -57,8 +57,8 @@ MUTANTS = [
     Mutant(
         "who is in range is told by a constant, not by obstacle_range_m",
         "experiments/detection/trial.py",
-        "range_m = scorer.test.costmap.obstacle_range_m",
-        "range_m = 2.5",
+        "range_m, rule = scorer.test.usable_range_m,",
+        "range_m, rule = 2.5,",
         "experiments/test_experiments_usable_range.py::test_usable_range_follows_obstacle_range",
     ),
     Mutant(

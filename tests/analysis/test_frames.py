@@ -124,7 +124,7 @@ def test_the_labyrinth_reference_has_every_trial_and_eq_11_holds_in_each() -> No
     results = load_results(REFERENCES / "labyrinth")
     tables = results.tables
     assert set(tables) == {"trial", "intruders", "robots"}
-    assert str(results.provenance[0]["command"]).startswith("midnet-bench labyrinth")
+    assert str(results.provenance[0]["command"]).startswith("midnet-bench run labyrinth-report")
     place = ["intruders", "robots", "seed"]
     trials = tables["trial"].set_index(place)
     caught = (

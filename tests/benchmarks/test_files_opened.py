@@ -9,7 +9,7 @@ from benchmarks.files_opened import WORLD, command, control_cycle, midnet_frame
 MOST_OF_A_FRAME = 16
 MOST_OF_A_CYCLE = 9
 MOST_OF_A_CYCLES_WORLD = 5
-MOST_OF_A_COMMAND, MOST_MOVES = 42, 600
+MOST_OF_A_COMMAND, MOST_MOVES = 44, 650
 
 
 @pytest.mark.slow

@@ -95,8 +95,6 @@ def test_without_a_place_the_refusal_names_the_options(tmp_path):
     assert "--start found" in said
     assert "--start X,Y,YAW_DEG" in said
     assert "began at start: [" in midnet_bench(*arguments, "--start", "2.9,3.1,0", folder=tmp_path).stderr
-    old = midnet_bench(*arguments, "--place", "found", folder=tmp_path)
-    assert "--place: now --start found" in one_line_of_complaint(old)
     assert "--start 1,2" in one_line_of_complaint(midnet_bench(*arguments, "--start", "1,2", folder=tmp_path))
 
 

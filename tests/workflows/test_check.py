@@ -63,7 +63,7 @@ CHASES = {
     "a guard 1; there are 0 to 0": "{1: min(targets)}",
     "it answers otherwise the second time": "{0: sorted(targets)[next(Mine.seen) % 5 % len(targets)]}",
     "global random numbers": "{0: random.choice(sorted(targets))}",
-    "another process gets other results": "{0: min(targets)} if sys.argv[0] != '-c' else {}",
+    "another process gets other results": "{0: min(targets)} if 'pytest' in sys.modules else {}",
     "TypeError": "{0: min(targets, key=lambda target: self.gap)}",
 }
 """what ``pursue`` of a broken pursuit gives"""

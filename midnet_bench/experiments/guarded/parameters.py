@@ -249,13 +249,14 @@ class GuardParameters(Parameters):
         if simulation == settings.simulation:
             return settings
         robot, patrol = simulation.robot_model, settings.patrol
-        settings = replace(settings, simulation=simulation, costmap=settings.costmap.of_lidar(robot.lidar))
+        costmap = settings.costmap.of_lidar(robot.lidar)
         if is_burger_but_for_lidar(robot):
-            return settings
+            return replace(settings, simulation=simulation, costmap=costmap)
         return replace(
             settings,
+            simulation=simulation,
             intruder_speed_mps=robot.max_linear_mps,
-            costmap=settings.costmap.of_robot(robot),
+            costmap=costmap.of_robot(robot),
             midnet=replace(settings.midnet, ally_diameter_m=robot.diameter_m),
             navigator=settings.navigator.of_robot(robot),
             patrol=replace(patrol, clearance_m=max(patrol.clearance_m, robot.footprint_reach_m)),
