@@ -65,8 +65,11 @@ def run_trial(spec: TrialSpec) -> TrialResult:
 
 
 def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
-    if kind in ("first", "once") and not file.exists():
-        file.mkdir()  # a file would count as an input of the campaign
+    if kind in ("first", "once"):
+        try:
+            file.mkdir()  # a file would count as an input of the campaign
+        except FileExistsError:  # another process may make it at the same instant
+            return
         if kind == "first":
             raise ValueError("the first time it goes wrong")
         os.kill(os.getpid(), 9)  # as the kernel does when memory runs out
