@@ -73,6 +73,14 @@ class Number(NamedTuple):
         return f"**{text}**" if self.bold else text
 
 
+def to_bare(engine: str) -> float:
+    """How many times the speed of bare PyBullet a whole trial has, of 30 steps a second."""
+    page = (ROOT / "benchmarks/results/standing.md").read_text(encoding="utf-8")
+    found = re.search(rf"whole trial, `{engine}` \|[^|]*\| \*\*([\d.]+)\*\*", page)
+    assert found is not None, engine
+    return float(found[1])
+
+
 def of(estimate: Estimate, factor: float = 1.0) -> Number:
     return Number(estimate.value * factor, estimate.low * factor, estimate.high * factor)
 
@@ -869,6 +877,12 @@ QUOTES = [
     Quote(README, "From two robots to three {} of our five curves fall", lambda: [curve_falls(2, 3)]),
     Quote(README, "over all intruders that is {:+.1f} points", lambda: [rise(2, 3)]),
     Quote(README, "of the paper's curves and in {} of ours", lambda: [curve_falls(4, 5)]),
+    Quote(README, "has {:.2f} times the speed of bare PyBullet", lambda: [to_bare("fast")]),
+    Quote(
+        "docs/engines.md",
+        "has {:.2f} times the speed of bare PyBullet on `fast` and {:.2f} times on `bullet`",
+        lambda: [to_bare("fast"), to_bare("bullet")],
+    ),
     Quote(README, "A trial lasts {:.0f} s;", lambda: [duration().value]),
     Quote(
         README, "judges the paper's {} claims about the detection test: {:s}.", lambda: claims("detection")
