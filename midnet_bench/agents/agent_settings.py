@@ -28,7 +28,7 @@ PURSUITS = ExtensionPoint(
         "oracle": None,
     },
 )
-_CHASE = {
+_PURSUIT = {
     "nearest": "the nearest one while the others patrol",
     "all": "every guard after the intruder nearest to it",
     "assignment": "pairs of least total distance",
@@ -85,7 +85,7 @@ class PursuitSettings(Settings):
 
     rule: str = option(
         "nearest",
-        f"Which guards go after a detected intruder: {PURSUITS.choices(**_CHASE)}. Targets are tracks of "
+        f"Which guards go after a detected intruder: {PURSUITS.choices(**_PURSUIT)}. Targets are tracks of "
         "MIDNet's boxes; under oracle the referee names the intruder of each box instead, and tells who is "
         "caught or gone.",
         key="pursuit",

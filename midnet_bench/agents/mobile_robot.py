@@ -58,7 +58,7 @@ class MobileRobot:
         self.navigator.observe(self.pose, ranges_m, lidar, time_s)
 
     def sense(self, ranges_m: Floats, lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into the pose filter; a newer one comes before the next control cycle.
+        """Take one scan into the pose filter alone: before the next control cycle there comes a newer one.
 
         Of the scans between two updates costmap_2d's observation buffer keeps the newest, too.
         """

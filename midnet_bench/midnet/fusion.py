@@ -173,9 +173,8 @@ def fuse_team(found: Sequence[BoxArray], squares: BoxArray, settings: MIDNetSett
     of further allies.
     """
     boxes, remove = np.concatenate(found), REMOVE[settings.ally_remove]
-    counts = [len(own) for own in found] + [0] * (
-        len(squares) - len(found)
-    )  # allies are robots that find nothing
+    # further allies count as robots that find nothing
+    counts = [len(own) for own in found] + [0] * (len(squares) - len(found))
     bounds = np.array([*accumulate(counts, initial=0)])
     kept, removed = remove_ally_detections(boxes, bounds, squares, settings.iou_ally, remove)
     starts = np.searchsorted(kept, bounds)

@@ -23,10 +23,8 @@ LETHAL = 254  # an obstacle is in this cell
 NO_INFORMATION = 255
 
 SINCE_COSTS, SINCE_PLAN = 0, 1
-"""index of a rectangle of ``Costmap.touched``"""
+"""index of a rectangle of ``GlobalCostmap.touched``"""
 NOWHERE = (2**31, 2**31, 0, 0)  # a rectangle that grows to whatever it takes in
-
-_SMALL_CELLS = 128 * 128  # a window of 6.4 m; in larger ones most cells are far from any mark
 
 PUBLISHED = np.array([0, *(1 + 97 * np.arange(252) // 251), 99, OCCUPIED, UNKNOWN], dtype=np.int8)
 """(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
@@ -74,7 +72,8 @@ class Costmap:
         self.marks: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
         """(H, W) uint8: free (0), an obstacle (254) or unseen (255)"""
         self.touched: Indices = np.empty((0, 4), dtype=np.int64)
-        """(k, 4) rectangles x0, y0, x1, y1 in cells, each of which grows to hold all marks that may change"""
+        """(k, 4) rectangles x0, y0, x1, y1 in cells, each of which grows to hold all marks that may change; a
+        window, which moves, has none"""
         self._costs: Cells | None = None
         self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
@@ -87,7 +86,10 @@ class Costmap:
 
     @property
     def costs(self) -> Cells:
-        """(H, W) uint8 costs, row 0 lowest y; computed on first use after a change. Not to be written to."""
+        """(H, W) uint8 costs, row 0 lowest y; computed on first use after a change.
+
+        Not to be written to, nor to be kept: the next ones may be written into the same array.
+        """
         if self._costs is None:
             self._costs = self._inflated()
         return self._costs
@@ -187,7 +189,7 @@ class Costmap:
 
     def _inflated(self) -> Cells:
         """(H, W) uint8: the costs of the marks as they are."""
-        return np.asarray(inflate(self.marks, self._inflation))
+        raise NotImplementedError
 
 
 def _moved(
@@ -215,32 +217,23 @@ class RollingCostmap(Costmap):
     def __init__(self, settings: CostmapSettings, lattice_origin: Point = (0.0, 0.0)) -> None:
         side = max(1, round(settings.size_m / settings.resolution))
         super().__init__(settings, side, side, lattice_origin)
-        self._near = slice(0, 0), slice(0, 0)
-        """of a large window the rows and columns that have costs"""
-
-    def _inflated(self) -> Cells:
-        """The same costs; of a large window only what surrounds its marks is looked at for them."""
-        if self.marks.size <= _SMALL_CELLS:
-            return super()._inflated()
-        costs = self.marks.copy()
-        reach = reach_cells(self.settings.inflation_radius_m, self.settings.resolution)
-        lines = [np.flatnonzero(has) for has in lethal_lines(self.marks)]
-        # without a mark no cell at all
-        ends = [(each[0] - reach, each[-1] + 1 + reach) if len(each) else (0, 0) for each in lines]
-        self._near = slice(max(0, ends[0][0]), ends[0][1]), slice(max(0, ends[1][0]), ends[1][1])
-        if len(lines[0]):
-            costs[self._near] = inflate(np.ascontiguousarray(self.marks[self._near]), self._inflation)
-        return costs
+        self._near = 0, 0, 0, 0
+        """x0, y0, x1, y1 in cells: the rectangle beyond which no cell has a cost, unless it is unseen"""
 
     def published(self) -> OccupancyGrid:
-        """See :class:`Costmap`; of a large window without unknown cells all is 0 but what surrounds marks."""
-        costs = self.costs
-        if costs.size <= _SMALL_CELLS or self.settings.track_unknown:
+        """See :class:`Costmap`; without unknown cells all is 0 but what surrounds marks."""
+        if self.settings.track_unknown:
             return super().published()
+        costs = self.costs  # first, as these say where they are
+        x0, y0, x1, y1 = self._near
         values = np.zeros(costs.shape, dtype=np.int8)
-        if costs[self._near].size:
-            values[self._near] = published(np.ascontiguousarray(costs[self._near]))
+        if x1:
+            values[y0:y1, x0:x1] = published(costs[y0:y1, x0:x1])
         return OccupancyGrid(values, self.settings.resolution, self.origin)
+
+    def _inflated(self) -> Cells:
+        costs, self._near = inflate_around(self.marks, self._inflation)
+        return np.asarray(costs)
 
     def _follow(self, pose: Pose2D) -> None:
         n = len(self.marks)
@@ -532,22 +525,6 @@ def integrate_scan(
 
 
 @njit
-def lethal_lines(cells: Cells) -> tuple[Cells, Cells]:
-    """((H,), (W,)) uint8: above 0 for the rows and the columns of (H, W) cells that have a lethal one."""
-    height, width = cells.shape
-    rows, columns = np.zeros(height, dtype=np.uint8), np.zeros(width, dtype=np.uint8)
-    for row in range(height):
-        here, found = cells[row], np.uint8(0)
-        for x in range(width):
-            found |= np.uint8(here[x] == LETHAL)
-        rows[row] = found
-        if found:
-            for x in range(width):
-                columns[x] |= np.uint8(here[x] == LETHAL)
-    return rows, columns
-
-
-@njit
 def inflate(base: Cells, cost_by_squared_distance: Cells) -> Cells:
     """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
 
@@ -594,6 +571,38 @@ def inflate(base: Cells, cost_by_squared_distance: Cells) -> Cells:
             is_raised = cost >= INSCRIBED if old == NO_INFORMATION else cost > old
             raised[x] = cost if is_raised else old
     return costs
+
+
+@njit
+def inflate_around(marks: Cells, cost_by_squared_distance: Cells) -> tuple[Cells, tuple[int, int, int, int]]:
+    """(H, W) uint8, what ``inflate`` gives; and x0, y0, x1, y1 in cells, the rectangle that marks reach.
+
+    Only that rectangle is inflated: in the window of a LiDAR of long range most cells are far from any mark.
+    It is all 0 where no cell is lethal.
+    """
+    height, width = marks.shape
+    reach = round(math.sqrt(len(cost_by_squared_distance) - 1))
+    in_column = np.zeros(width, dtype=np.uint8)
+    left, low, right, high = width, height, 0, 0
+    for row in range(height):
+        # without a branch: the compiler takes many cells at once
+        here, found = marks[row], np.uint8(0)
+        for x in range(width):
+            found |= np.uint8(here[x] == LETHAL)
+        if found:
+            low, high = min(low, row), row + 1
+            for x in range(width):
+                in_column[x] |= np.uint8(here[x] == LETHAL)
+    for x in range(width):
+        if in_column[x]:
+            left, right = min(left, x), x + 1
+    costs = marks.copy()
+    if high == 0:
+        return costs, (0, 0, 0, 0)
+    left, low = max(left - reach, 0), max(low - reach, 0)
+    right, high = min(right + reach, width), min(high + reach, height)
+    costs[low:high, left:right] = inflate(marks[low:high, left:right].copy(), cost_by_squared_distance)
+    return costs, (left, low, right, high)
 
 
 @njit

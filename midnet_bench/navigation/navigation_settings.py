@@ -75,7 +75,7 @@ class CostmapSettings(Settings):
         3.0,
         "Beams clear obstacles up to this distance. Another LiDAR than the LDS-01: its range unless set.",
         gt=0,
-        le=100,
+        le=MAX_RANGE_M,
         source="package: costmap_2d, raytrace_range",
     )
     inflation_radius_m: float = option(
@@ -143,7 +143,7 @@ class CostmapSettings(Settings):
         """The same with the whole range of another LiDAR than the LDS-01, and a window that holds it.
 
         What TurtleBot3's files say, they say of the LDS-01 (items 6 and 7); the window of another one is
-        twice its range (IV.B.1), and never smaller than here.
+        twice its range (IV.B.1), at least 1 m, and never smaller than one that is wider than the files' here.
         """
         if lidar == replace(LDS_01, mount=lidar.mount):
             return self

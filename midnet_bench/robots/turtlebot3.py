@@ -71,3 +71,8 @@ WAFFLE = RobotModel(
     # the LDS-01's housing; base and camera end below its plane
     seen=Disc(0.055, -0.049),
 )
+
+
+def is_burger_but_for_lidar(robot: RobotModel) -> bool:
+    """Whether a robot drives as the Burger does, for which TurtleBot3's files have the numbers."""
+    return replace(robot, lidar=BURGER.lidar, lidar_hz=BURGER.lidar_hz) == BURGER

@@ -29,7 +29,7 @@ class TruthObject(NamedTuple):
 
 
 Covers = Callable[[Floats], Booleans]
-"""which of (n, 2) points lie in a sensor's field of view"""
+"""(n,) which of (n, 2) points, map frame, metres, lie in a sensor's field of view"""
 
 
 class FrameCounts(NamedTuple):
@@ -78,7 +78,7 @@ def truths_in_range(
     """
     if views:
         return [
-            any(is_in_view(truth, *sensor, range_m, rule) for sensor in zip(sensors, views, strict=True))
+            any(_is_in_view(truth, *sensor, range_m, rule) for sensor in zip(sensors, views, strict=True))
             for truth in truths
         ]
     if rule == "centre":
@@ -86,7 +86,7 @@ def truths_in_range(
     return [any(truth.box.distance_to_point(x, y) <= range_m for x, y in sensors) for truth in truths]
 
 
-def is_in_view(truth: TruthObject, sensor: Point, covers: Covers, range_m: float, rule: InRange) -> bool:
+def _is_in_view(truth: TruthObject, sensor: Point, covers: Covers, range_m: float, rule: InRange) -> bool:
     """Whether the truth's centre, or any point of its outline, is in range and field of view of a sensor."""
     points = np.array([truth.center])
     if rule == "edge":

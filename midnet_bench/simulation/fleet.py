@@ -81,7 +81,8 @@ class Fleet:
         )
         """whether scans fall into control cycles alone, as the LDS-01's do"""
         self._localized_at = [(phase - 1) % self._control_ticks + 1 - self._control_ticks for phase in phases]
-        """the tick at which each robot localised last; at first a period before its first control cycle"""
+        """the tick at which each robot localised last, unless ``_scans_when_controlled``; at first a period
+        before its first control cycle"""
         self._driving = list(robots)
         """those that were neither stopped nor removed"""
         self._lidar_noise = lidars.noise([stream(seed, "lidar", name) for name in names])
@@ -119,7 +120,7 @@ class Fleet:
         return Pose2D(*poses[robot.index].tolist())
 
     def step(self) -> Sequence[MobileRobot]:
-        """Let one tick pass: physics, then sensors and software of the robots due, which come back.
+        """Let one tick pass: physics, then sensors and software; the robots that localised come back.
 
         A robot localises in each of its control cycles and whenever it scans.
         """

@@ -1,6 +1,7 @@
 """What a detection campaign says where no intruder came near, and of robots that stand side by side."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -21,9 +22,13 @@ EMPTY = {"arena": "empty", "intruders": 0}
 
 
 def store(
-    folder: Path, grid: dict[str, list[Scalar]], counts: dict[tuple[Scalar, ...], Row], **given: Scalar
+    folder: Path,
+    grid: dict[str, list[Scalar]],
+    counts: dict[tuple[Scalar, ...], Row],
+    recorded: Sequence[Row] = (),
+    **given: Scalar,
 ) -> Path:
-    """A campaign of one seed: the values of a cell -> what its one trial counted."""
+    """A campaign of one seed: the values of a cell -> what its one trial counted; ``recorded``: by each."""
     parameters: dict[str, Scalar] = {"arena": "map1", "robots": 1, "obstacle_range_m": 2.5, **given}
     parameters = {name: value for name, value in parameters.items() if name not in grid}
     folder.mkdir()
@@ -43,6 +48,7 @@ def store(
                 "scores": [{**row, **scores, **NO_CAUSES}],
                 "frames": frames,
                 "robots": [robot_row("guard", 1.0, 0.0) | {"robot": "guard 1"}],
+                **({"recorded": list(recorded)} if recorded else {}),
             }
             cell = {**parameters, **dict(zip(grid, values, strict=True))}
             spec = TrialSpec("detection", cell, 1)

@@ -73,6 +73,30 @@ def test_lidars_scan_as_often_as_set_and_control_as_ever(hz: int) -> None:
     assert {calls.call_count for calls in cycles} == {20}
 
 
+@pytest.mark.parametrize(("hz", "driven_by"), [(5, 2), (5.5, 2), (15, 4), (30, 4)])
+def test_sensors_are_read_of_the_time_since_they_were_last(hz: float, driven_by: int) -> None:
+    """Each robot's intervals add up to the time, and its costmaps take a scan of a control cycle at most."""
+    with trial(lidar_hz=hz) as made:
+        fleet = made.fleet
+        read = fleet._imus.read = mock.Mock(wraps=fleet._imus.read)  # type: ignore[method-assign]
+        for robot in fleet.robots:
+            robot.navigator.observe = mock.Mock(wraps=robot.navigator.observe)  # type: ignore[method-assign]
+        times_s: dict[int, list[float]] = {robot.index: [] for robot in fleet.robots}
+        intervals_s: dict[int, list[float]] = {robot.index: [] for robot in fleet.robots}
+        for _ in range(12):  # 0.4 s
+            before = read.call_count
+            fleet.step()
+            for rows, _, _, elapsed_s in (call.args for call in read.call_args_list[before:]):
+                for row in rows.tolist():
+                    times_s[row].append(fleet.time_s)
+                    intervals_s[row].append(elapsed_s)
+        for row, times in times_s.items():
+            np.testing.assert_allclose(np.diff(times), intervals_s[row][1:], atol=1e-12)
+            assert 4 <= len(times) <= 12
+        scans = {robot.navigator.observe.call_count for robot in fleet.robots}  # type: ignore[attr-defined]
+        assert scans <= {driven_by - 1, driven_by, driven_by + 1}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hz", "scans", "driven_by"), [(5.5, 22, 22), (15, 60, 40), (30, 120, 40), (40, 120, 40)]

@@ -51,6 +51,13 @@ def test_usable_range_follows_obstacle_range(rule: str) -> None:
     assert not is_in_range(2.05, rule, obstacle_range_m=2.0)
 
 
+@pytest.mark.parametrize("rule", ["edge", "centre"])
+def test_usable_range_ends_where_the_lidar_does(rule: str) -> None:
+    farther = {"obstacle_range_m": 3.9, "raytrace_range_m": 3.9}
+    assert is_in_range(LDS_01.range_max_m - 0.05, rule, **farther)
+    assert not is_in_range(LDS_01.range_max_m + 0.05, rule, **farther)
+
+
 def test_line_of_sight_reaches_as_far_as_the_usable_range() -> None:
     exact = {"require_line_of_sight": True, "lidar_noise": "none"}
     assert is_in_range(2.45, "edge", **exact)

@@ -558,9 +558,10 @@ def test_a_static_map_may_have_a_rounded_resolution(resolution: float) -> None:
         costmap.set_static(OccupancyGrid(cells, 0.051, (-1.0, 2.0)))
 
 
+@pytest.mark.parametrize("size_m", [3.5, 12.0])
 @pytest.mark.parametrize("track_unknown", [False, True])
-def test_a_large_window_is_inflated_as_a_whole_would_be(track_unknown: bool) -> None:
-    settings_of = dataclasses.replace(CostmapSettings(), size_m=12.0, track_unknown=track_unknown)
+def test_a_window_is_inflated_as_a_whole_would_be(track_unknown: bool, size_m: float) -> None:
+    settings_of = dataclasses.replace(CostmapSettings(), size_m=size_m, track_unknown=track_unknown)
     rng = np.random.default_rng(3)
     for marks in (0, 1, 40):
         costmap = RollingCostmap(settings_of)

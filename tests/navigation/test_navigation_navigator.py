@@ -334,6 +334,6 @@ for module in pkgutil.iter_modules(room.__path__):
     signatures = dict(line.split() for line in run.stdout.splitlines())
     # Those that others call have none of their own when they come from the cache.
     assert set(signatures.values()) <= {"0", "1"}
-    called = "best_velocity changed_near clear_footprint distance_grids have_gone inflate"
+    called = "best_velocity changed_near clear_footprint distance_grids have_gone inflate inflate_around"
     called += " path_down propagate roll_out search_rollouts take_scan turn_is_free"
     assert [name for name in called.split() if signatures[name] != "1"] == []

@@ -59,7 +59,9 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     arena = str(parameters.get("arena", "{"))
     place = "" if arena.startswith("{") else f": {arena}"
     title = f"Detection test{place}{frames}, {_seeds(next(iter(cells.values())).rows)}"
-    notes = ["F1 one-to-one counts a second box on an intruder as false, the paper as true."]
+    unscored = _unscored(results, cells)
+    has_scores = len(unscored) < len(cells)
+    notes = ["F1 one-to-one counts a second box on an intruder as false, the paper as true."] * has_scores
     if seeds > 2 or known:
         notes += ["±: the wider side of the 95 % interval (t, over seeds)."]
     if seeds == 2:
@@ -72,10 +74,7 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
         if seeds == 1
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
-    unscored = _unscored(results, cells)
-    if len(unscored) == len(cells):
-        notes = notes[1:]
-    found = [*_finds(results, cells), *_misses(results, cells)] if len(unscored) < len(cells) else []
+    found = [*_finds(results, cells), *_misses(results, cells)] if has_scores else []
     conclusion = [*found, *_without_scores(unscored, len(cells) > 1), *_among_runs(cells)]
     return Headline(
         [_scores(title, cells, known), *(metric_tables(results) if METRICS in results.tables else ())],
@@ -226,7 +225,8 @@ def _finds(results: Results, cells: Cells) -> list[str]:
         best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
         ahead = f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."
         return [ahead, *_ranges(results)]
-    reach_m = usable_range(results.definition.parameters)
+    range_m = usable_range(results.definition.parameters)
+    within = "in range" if range_m is None else f"within {range_m:g} m"
     parts: list[str] = []
     for team, cell in teams.items():
         recall = cell.means["recall"].value
@@ -236,14 +236,8 @@ def _finds(results: Results, cells: Cells) -> list[str]:
         beside = "" if cell.paper is None else f" ({paper}{_percent(cell.paper['recall'])})"
         noun = "" if parts else f" robot{'' if team.robots == 1 else 's'}"
         verb = "finds" if team.robots == 1 else "find"
-        within = (
-            ""
-            if parts
-            else (
-                " of the intruders in range" if reach_m is None else f" of the intruders within {reach_m:g} m"
-            )
-        )
-        parts.append(f"{_in_words(team.robots)}{noun} {verb} {_percent(recall)}{within}{beside}")
+        which = "" if parts else f" of the intruders {within}"
+        parts.append(f"{_in_words(team.robots)}{noun} {verb} {_percent(recall)}{which}{beside}")
     text = ", ".join(parts)
     return [f"{text[0].upper()}{text[1:]}."] if text else []
 

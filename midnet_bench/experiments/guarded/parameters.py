@@ -30,8 +30,7 @@ from midnet_bench.navigation.navigation_settings import (
     NavigatorSettings,
 )
 from midnet_bench.plugins import DETECTORS, FUSIONS
-from midnet_bench.robots.model import RobotModel
-from midnet_bench.robots.turtlebot3 import BURGER
+from midnet_bench.robots.turtlebot3 import is_burger_but_for_lidar
 from midnet_bench.scoring.metric import METRICS, NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import NetworkSettings, SimulationSettings
@@ -395,11 +394,6 @@ class GuardParameters(Parameters):
         # what several parts share may not suit each of them: tell that here, not in a trial
         _ = read.prior_costmap, read.guard_navigator, read.intruder_navigator
         return read
-
-
-def is_burger_but_for_lidar(robot: RobotModel) -> bool:
-    """Whether a robot drives as the Burger does, for which TurtleBot3's files have the numbers."""
-    return replace(robot, lidar=BURGER.lidar, lidar_hz=BURGER.lidar_hz) == BURGER
 
 
 def guarded_place(arena: str, stationary_scale: float) -> Arena:

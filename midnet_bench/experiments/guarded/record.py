@@ -73,9 +73,8 @@ class RecordedFrame(NamedTuple):
             "detections": [[one.guard, *_mm(one.box), one.truth] for one in self.detections],
         }
         scans = (
-            f"{base64.b64encode(_steps(scan, step)).decode()}@{','.join(map(str, place))}"
+            f"{base64.b64encode(_steps(scan, step)).decode()}@{_place(sensor, step)}"
             for scan, sensor in zip(self.scans_m, self.sensors, strict=True)
-            for place in [[*_mm(sensor or ()), *[step] * (sensor is not None and step > 1)]]
         )
         texts = {name: json.dumps(rows, separators=(",", ":")) for name, rows in lists.items()}
         return {"frame": self.number, **texts, "scans": " ".join(scans)}
@@ -125,6 +124,12 @@ def recorded_scan(ranges_m: npt.NDArray[np.float64], step_cm: int = 1) -> list[f
 def _steps(scan_m: Sequence[float | None], step_cm: int) -> bytes:
     steps = 100.0 * np.array(scan_m, dtype=np.float64) / step_cm  # NaN for None
     return np.where(np.isnan(steps), NO_RETURN, np.rint(steps)).astype(np.uint8).tobytes()
+
+
+def _place(sensor: Pose2D | None, step_cm: int) -> str:
+    """What stands behind a scan: its sensor's pose, and the step unless it is a centimetre."""
+    numbers = [] if sensor is None else [*_mm(sensor), *([step_cm] if step_cm > 1 else [])]
+    return ",".join(map(str, numbers))
 
 
 def _mm(numbers: Sequence[float]) -> list[int]:

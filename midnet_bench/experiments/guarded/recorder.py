@@ -39,7 +39,7 @@ from midnet_bench.scoring.diagnosis import (
     miss_cause,
     moved,
 )
-from midnet_bench.scoring.frame_counts import is_in_view
+from midnet_bench.scoring.frame_counts import truths_in_range
 from midnet_bench.scoring.metric import TrialMetrics
 from midnet_bench.simulation import sensors as beams_met
 
@@ -57,7 +57,9 @@ class Recorder:
         """From now on; errors only of a ``node``."""
         self._trial: GuardedArena = proxy(trial)
         self._test = test
-        self.trace = FrameTrace(trial, node) if node is not None and test.record else None
+        self.trace = (
+            FrameTrace(trial, node, test.usable_range_m) if node is not None and test.record else None
+        )
         self._metrics = TrialMetrics(test.metrics)
         self._frames: list[Row] = []
         self._errors: list[Row] = []
@@ -218,12 +220,12 @@ class FrameTrace:
     What came of a beam is worked out only for frames with errors.
     """
 
-    def __init__(self, trial: GuardedArena, node: DetectorNode) -> None:
-        """From now on every scan of the guards is traced."""
+    def __init__(self, trial: GuardedArena, node: DetectorNode, usable_range_m: float) -> None:
+        """From now on every scan of the guards is traced; ``usable_range_m``: as of ``GuardParameters``."""
         self._trial: GuardedArena = proxy(trial)
         self._node = node
         self._settings = node.costmaps[0].settings
-        self._range_m = min(self._settings.obstacle_range_m, trial.robot.lidar.range_max_m)
+        self._range_m = usable_range_m
         self._traces = [_GuardTrace() for _ in trial.guards]
         trial.add_scan_callback(node, self._add_scan)
 
@@ -240,16 +242,14 @@ class FrameTrace:
         views = [self._view(guard, frame) for guard in range(len(self._trial.guards))]
         touched = {truth for each in match.touched for truth in each}
         rows = []
-        for index in missed:
+        fields, sought = self._trial.fields_of_view(), [truths[index] for index in missed]
+        are_near = [
+            truths_in_range(sought, [view.sensor], self._range_m, views=fields[view.guard : view.guard + 1])
+            for view in views
+        ]
+        for index, *is_near in zip(missed, *are_near, strict=True):
             name, box, _ = truths[index]
-            near = [view for view in views if box.distance_to_point(*view.sensor) <= self._range_m]
-            if covers := self._trial.fields_of_view():
-                near = [
-                    view
-                    for view in near
-                    if is_in_view(truths[index], view.sensor, covers[view.guard], self._range_m, "edge")
-                ]
-            cause = miss_cause(index, truths, boxes, near)
+            cause = miss_cause(index, truths, boxes, [*compress(views, is_near)])
             rows.append(_error(frame.number, "miss", box, cause, index not in touched, name))
         for index in left_over:
             is_false = not match.touched[index]
@@ -302,7 +302,7 @@ class FrameTrace:
 
         Rounded step by step as the obstacle layer does it: a return may lie on the edge of a cell.
         """
-        beams, resolution = scan.reached(self._settings.obstacle_range_m), self._settings.resolution
+        beams, resolution = scan.reached(self._range_m), self._settings.resolution
         sensor = (np.array(scan.sensor[:2]) - self._node.prior.origin) / resolution - scan.corner
         ends = sensor + scan.scan.ranges_m[beams, None] / resolution * scan.directions[beams]
         cells = np.floor(ends).astype(np.int64) + scan.corner
@@ -348,7 +348,7 @@ class FrameTrace:
         scan = trace.scans[trace.newest]
         beams = scan.reached(scan.scan.lidar.range_max_m)
         beams = beams[scan.returns.source[beams] == source]
-        is_within = scan.scan.ranges_m[beams] < self._settings.obstacle_range_m
+        is_within = scan.scan.ranges_m[beams] < self._range_m
         return scan.marks(beams, self._now_s, is_newest=True), is_within
 
     def _centers_at_scan(self, guard: int) -> Floats:

@@ -26,9 +26,9 @@ from midnet_bench.experiments.guarded.record import (
     RecordedFrame,
     RecordedRobot,
 )
+from midnet_bench.experiments.guarded.tables import packaged_robot, usable_range
 from midnet_bench.page.recording import KINDS, STEP_MM, Event, Recording, Rows, tracked
-from midnet_bench.robots.model import ROBOTS
-from midnet_bench.simulation.world_settings import own_robot
+from midnet_bench.robots.turtlebot3 import BURGER
 
 TURN = round(2000.0 * math.pi / STEP_MM)  # a whole turn in the page's steps of angle
 NEEDED = (FRAMES, "robots", ERRORS, "trial", "intruders", CAPTURES)
@@ -74,17 +74,11 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
     # the robot's own name, beside the factor of that name if there is one
     names = [str(row.get(beside("robot"), row["robot"])) for row in tables["robots"]]
     team = [(name, row["role"] == "guard") for name, row in zip(names, tables["robots"], strict=True)]
-    name = str(given.get("robot", ""))
-    # the robot if it comes with the package: no file is run to show results
-    model = ROBOTS.make(name) if ROBOTS.is_own(name) else own_robot("burger")
+    model = packaged_robot(given) or BURGER
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
     has_scans = all(len(scan) in (0, len(beams)) for frame in frames for scan in frame.scans_m)
     words: dict[str, int] = {"": 0}
-    window_m, range_m = (
-        float(value) if isinstance(value, int | float) else None  # None where cells differ in it
-        for value in map(given.get, ("local_size_m", "obstacle_range_m"))
-    )
-    range_m = None if range_m is None else min(range_m, model.lidar.range_max_m)
+    size_m, range_m = given.get("local_size_m"), usable_range(given)
     rows: dict[str, Sequence[Rows]] = {
         "robots": _robots(frames, [is_guard for _, is_guard in team]),
         "truths": [
@@ -113,8 +107,8 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
             "beams": [_beams(frame) if has_scans else () for frame in frames],
         },
         explained=False,
-        window_m=window_m,
-        range_m=range_m,
+        window_m=float(size_m) if isinstance(size_m, int | float) else None,  # None where cells differ in it
+        range_m=None if range_m is None else float(range_m),
         sensor=model.lidar.mount[:2],
         events=_events(tables["intruders"], tables[CAPTURES]),
         summary="".join(

@@ -11,7 +11,7 @@ from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.geometry import Box
-from midnet_bench.robots.model import ROBOTS
+from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.frame_counts import touches
 
@@ -62,12 +62,21 @@ def metric_tables(results: Results) -> list[Table]:
 def usable_range(parameters: Mapping[str, Scalar]) -> float | None:
     """How far off intruders are looked for, metres, by a campaign's parameters; None where cells differ.
 
-    No file of a user is run for it: of a robot that is in one, obstacle_range_m counts as it stands.
+    Of a robot that no :func:`packaged_robot` is, obstacle_range_m counts as it stands.
     """
-    range_m, robot = parameters.get("obstacle_range_m", 2.5), str(parameters.get("robot", ""))
+    range_m, robot = parameters.get("obstacle_range_m", 2.5), packaged_robot(parameters)
     if not isinstance(range_m, int | float):
         return None
-    return min(range_m, ROBOTS.make(robot).lidar.range_max_m) if robot and ROBOTS.is_own(robot) else range_m
+    return range_m if robot is None else min(range_m, robot.lidar.range_max_m)
+
+
+def packaged_robot(parameters: Mapping[str, Scalar]) -> RobotModel | None:
+    """The robot of a campaign's parameters if it comes with the package, else None.
+
+    No file of a user is run to show results.
+    """
+    robot = str(parameters.get("robot", ""))
+    return ROBOTS.make(robot) if robot and ROBOTS.is_own(robot) else None
 
 
 def error_tables(results: Results) -> list[Table]:

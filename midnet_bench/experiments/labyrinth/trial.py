@@ -224,7 +224,7 @@ class LabyrinthTrial(GuardedArena):
         return candidates[int(rng.integers(len(candidates)))]
 
     def _next_goal_of_intruder(self, robot: MobileRobot) -> Point | None:
-        """Its escape; under ``at_escape: drives_on`` one free place after another from there on."""
+        """Its escape; under ``at_escape: drives_on`` another free place each time it is done with a goal."""
         if self.fleet.time_s < self._test.intruder_wait_s:
             return None
         outcome = self.outcomes[robot.index]

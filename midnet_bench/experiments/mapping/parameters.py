@@ -6,11 +6,11 @@ from typing import Literal, Self
 
 from midnet_bench.agents.agent_settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
-from midnet_bench.experiments.guarded.parameters import is_burger_but_for_lidar
 from midnet_bench.io.checked_yaml import Parameters
 from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.mapping.mapping_settings import BURGER_UKF, GmappingSettings
 from midnet_bench.navigation.navigation_settings import BURGER_COSTMAP, NavigatorSettings
+from midnet_bench.robots.turtlebot3 import is_burger_but_for_lidar
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import OdometrySettings, SimulationSettings
 

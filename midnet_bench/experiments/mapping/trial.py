@@ -25,7 +25,7 @@ from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.merge import by_features, by_known_starts, confidence, largest, refusals
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
-from midnet_bench.simulation.fleet import SCAN_HZ
+from midnet_bench.simulation.fleet import SCAN_HZ, ScanTicks
 
 MAP_PERIOD_S = 2
 """How often maps are published, merged and planned on: TurtleBot3's map_update_interval and merging_rate."""
@@ -110,9 +110,9 @@ class ExplorationTrial(RobotTrial):
 
     def snapshots(self) -> Iterator[Snapshot]:
         """One per simulated second and a last one, until every explorer is done or the time is up."""
-        slowest_hz = min(SCAN_HZ, self.parameters.simulation.lidar.hz)
+        scans = ScanTicks.of(min(SCAN_HZ, self.parameters.simulation.lidar.hz), self.step_hz)
         # every explorer has scanned by then
-        first = min(math.ceil(self.step_hz / slowest_hz - 1e-9), MAP_PERIOD_S * self.step_hz - 1)
+        first = min(scans.longest_gap, MAP_PERIOD_S * self.step_hz - 1)
         while not self._is_finished and self.time_s < self.parameters.time_limit_s - 1e-9:
             self.fleet.step()
             if self.world.tick % (MAP_PERIOD_S * self.step_hz) == first:

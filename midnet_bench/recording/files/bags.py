@@ -145,7 +145,12 @@ class Bag:
         self._parts.sort(key=_span)
 
     def _opened(self, path: Path) -> Any:
-        """A reader of a file. Raises TooLargeError: a chunk is too large by what the index says of it."""
+        """A reader of a file.
+
+        Raises:
+            InputError: it has no index, or a damaged one.
+            TooLargeError: a chunk is too large by what the index says of it.
+        """
         given, kind = path, _kind(path) or path.suffix
         if kind == PACKED:
             folder = self._stack.enter_context(TemporaryDirectory(ignore_cleanup_errors=True))
