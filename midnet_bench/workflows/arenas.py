@@ -175,8 +175,8 @@ def from_map(path: Path, unknown: Unknown, team: int | None = None, room: Point 
         " file to guard by the map itself.",
         *walls.notes,
     ]
-    said = [*walls.notes, *notes, *closed]
-    return MadeArena(checked, arena_yaml(arena, heading), said, (path, image_of(path)))
+    text, notes = arena_yaml(arena, heading), [*walls.notes, *notes, *closed]
+    return MadeArena(checked, text, notes, (path, image_of(path)))
 
 
 class _Walls(NamedTuple):

@@ -202,7 +202,8 @@ def check(thing: str) -> Checked:
             break
     random.setstate(states[0])
     np.random.set_state(states[1])  # noqa: NPY002
-    return replace(case, faults=list(dict.fromkeys(case.faults)))
+    case.faults = list(dict.fromkeys(case.faults))
+    return case
 
 
 def detector_ms(name: str) -> float:
