@@ -287,15 +287,16 @@ def _picture(output: Path, ending: str, sources: Sequence[Path]) -> Path:
 
 
 def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:
-    """Draw an arena as trials in it are drawn: a team at its starts, seed 1's intruders, and the faults.
+    """Draw an arena as trials in it are drawn: its largest team, seed 1's intruders, and the faults.
 
     Raises:
         InputError: the file cannot be written.
         MidnetBenchError: the disk is full.
     """
-    starts = robot_starts(arena, TEAM)
+    team = arena.robots.team
+    starts = robot_starts(arena, team)
     try:
-        layout = place(arena, 1, TEAM)
+        layout = place(arena, 1, team)
     except InputError:
         layout = Layout(arena, 1, arena.placed_solids(), starts, ())
     parameters = DetectionParameters()
@@ -304,7 +305,7 @@ def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:
         FloorPlan.of(arena, layout, 1),
         prior_map,
         prior_map,
-        TEAM,
+        team,
         len(layout.intruders),
         parameters.costmap.obstacle_range_m,
         parameters.costmap.size_m,
