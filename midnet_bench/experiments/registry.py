@@ -68,8 +68,8 @@ class Trials:
     run_together: "Callable[[Sequence[Any], int], Sequence[TrialResult | Exception]] | None" = None
     """([parameters], seed) -> of each what ``run`` gives, or raises, in one simulation"""
     frames: Callable[..., Any] | None = None
-    """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate`` and ``export``; None if
-    a trial has no frames"""
+    """(parameters, seed) -> a context manager with ``frames(explain)``, for ``simulate`` and ``export``;
+    None if a trial has no frames"""
     demo: Callable[..., Any] | None = None
     """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
     ``midnet-bench render``; None if there is nothing to draw"""
