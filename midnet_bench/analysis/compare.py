@@ -79,11 +79,11 @@ class Compared(NamedTuple):
     before: float  # the baseline's mean
     after: float  # the contestant's mean
     change: Estimate  # the contestant's less the baseline's, seed by seed
-    seeds: int
+    seeds: int  # how many both have
     p_holm: float  # adjusted by Holm for all that are compared together; NaN where there is no interval
     outlier_seed: int | None  # the seed whose difference makes the interval wide, if one does
     is_identical: bool  # whether both have the same number at every seed
-    values: BySeed
+    values: BySeed  # the contestant's, of all its seeds
 
     @property
     def verdict(self) -> str:

@@ -9,19 +9,19 @@ two groups of n trials each; with common seeds it is the test of n differences s
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
+from midnet_bench.analysis.compare import BySeed
 from midnet_bench.analysis.statistics import exact_mean, exact_sum
 from midnet_bench.analysis.tables import Cell
 
-ALPHA = 0.05  # the chance of a wrong decision, at most
+ALPHA = 0.05  # the chance that a test finds a difference where there is none
 POWER = 0.8
 PILOT = 0.9  # the confidence at which a pilot's variance is bounded
 MAX_TRIALS = 10**9
 
-BySeed = Mapping[int, float]
 Spread = tuple[float, float]  # a variance, and the degrees of freedom that it stands on
 
 

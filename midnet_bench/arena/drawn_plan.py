@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.arena.floor_plan import centred, cropped, without_cracks
+from midnet_bench.arena.floor_plan import centred, cropped, set_part, without_cracks
 from midnet_bench.geometry import Booleans, Indices
 from midnet_bench.grid import OccupancyGrid
 
@@ -89,10 +89,8 @@ def plan_of(pixels: npt.NDArray[np.uint8], resolution_m: float, drawing: Drawing
     if drawing.drops_beside:
         _drop(kinds, _beside(_walls(kinds).data), Kind.BESIDE)
     walls = _walls(kinds)
-    rows, columns = np.nonzero(walls.data)
-    left, low = (int(cells.min()) if len(cells) else 0 for cells in (columns, rows))
-    inner = cropped(walls)
-    origin = inner.origin[0] - left * resolution_m, inner.origin[1] - low * resolution_m
+    inner, (rows, columns) = cropped(walls), set_part(walls.data)
+    origin = inner.origin[0] - columns.start * resolution_m, inner.origin[1] - rows.start * resolution_m
     return Plan(OccupancyGrid(kinds.data, resolution_m, origin), inner)
 
 
@@ -115,7 +113,8 @@ def dark_cells(
 def remarks(pixels: npt.NDArray[np.uint8], plan: Plan, drawing: Drawing) -> Iterator[str]:
     """What in a plan may be no wall, each with the option that makes it floor."""
     resolution_m, walls = plan.kinds.resolution, _walls(plan.kinds).data
-    drawn, count = plan.kinds.data == Kind.WALL, np.count_nonzero(plan.kinds.data == Kind.WALL)
+    drawn = plan.kinds.data == Kind.WALL
+    count = np.count_nonzero(drawn)
     if not count:
         return
     if not drawing.has_light_walls and count > MOSTLY_DARK * walls.size:

@@ -22,13 +22,20 @@ COARSEST_M = 0.25
 """cells that walls are never drawn coarser than: they grow by less than one, and a door of 0.8 m stays one"""
 
 
+def set_part(cells: Booleans) -> tuple[slice, slice]:
+    """The rows and the columns from the first set cell to the last one; all where none is set."""
+    if not cells.any():
+        height, width = cells.shape
+        return slice(0, height), slice(0, width)
+    rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
 def cropped(dark: OccupancyGrid) -> OccupancyGrid:
     """The part with wall, centred again; all of it where there is none."""
-    rows, columns = np.nonzero(dark.data)
-    if not len(rows):
+    if not dark.data.any():
         return dark
-    part = dark.data[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    return centred(np.ascontiguousarray(part), dark.resolution)
+    return centred(np.ascontiguousarray(dark.data[set_part(dark.data)]), dark.resolution)
 
 
 def centred(cells: Booleans, resolution_m: float) -> OccupancyGrid:
@@ -37,12 +44,15 @@ def centred(cells: Booleans, resolution_m: float) -> OccupancyGrid:
     return OccupancyGrid(cells, resolution_m, (-width * resolution_m / 2.0, -height * resolution_m / 2.0))
 
 
-def coarser(dark: OccupancyGrid, times: int) -> OccupancyGrid:
-    """Cells so many times as large, from the same lower left corner on, set where any of theirs is."""
-    height, width = dark.data.shape
-    padded = np.pad(dark.data, ((0, -height % times), (0, -width % times)))
+def coarser(grid: OccupancyGrid, times: int) -> OccupancyGrid:
+    """Cells so many times as large, from the same lower left corner on, each the greatest of its cells.
+
+    Of a bool grid those are set in which any cell is. Beyond the grid is 0.
+    """
+    height, width = grid.data.shape
+    padded = np.pad(grid.data, ((0, -height % times), (0, -width % times)))
     parts = padded.reshape(padded.shape[0] // times, times, padded.shape[1] // times, times)
-    return OccupancyGrid(np.asarray(parts.any(axis=(1, 3))), dark.resolution * times, dark.origin)
+    return OccupancyGrid(np.asarray(parts.max(axis=(1, 3))), grid.resolution * times, grid.origin)
 
 
 def without_cracks(dark: OccupancyGrid) -> OccupancyGrid:
@@ -115,6 +125,22 @@ def _run(cells: Booleans) -> int:
     return int(np.append(cells, False).argmin())
 
 
+def sides_of(dark: OccupancyGrid) -> tuple[float, float]:
+    """The width and the height of a plan, metres.
+
+    Raises InputError: there is no wall, or it is larger than an arena may be.
+    """
+    wide_m, high_m = (round(cells * dark.resolution, 9) for cells in (dark.width, dark.height))
+    if max(wide_m, high_m) > LONGEST_M:
+        raise InputError(
+            f"it is {wide_m:g} x {high_m:g} m large, and an arena has at most {LONGEST_M:g} m a side: cut a"
+            f" part out of it; or is a cell not {dark.resolution:g} m?"
+        )
+    if not dark.data.any():
+        raise InputError("there is no wall in it: nothing is dark")
+    return wide_m, high_m
+
+
 def arena_of(dark: OccupancyGrid, blocks: list[Rectangle], name: str) -> Arena:
     """An arena whose walls are the set cells of a grid, exactly; its robots are those of any arena.
 
@@ -126,15 +152,7 @@ def arena_of(dark: OccupancyGrid, blocks: list[Rectangle], name: str) -> Arena:
     Raises:
         InputError: there is no wall, or it is larger than an arena may be.
     """
-    (left, low), side = dark.origin, dark.resolution
-    wide_m, high_m = (round(cells * side, 9) for cells in (dark.width, dark.height))
-    if max(wide_m, high_m) > LONGEST_M:
-        raise InputError(
-            f"it is {wide_m:g} x {high_m:g} m large, and an arena has at most {LONGEST_M:g} m a side: cut a"
-            f" part out of it; or is a cell not {side:g} m?"
-        )
-    if not blocks:
-        raise InputError("there is no wall in it: nothing is dark")
+    (left, low), side, (wide_m, high_m) = dark.origin, dark.resolution, sides_of(dark)
     corners: list[Corners] = [
         (
             round(left + c0 * side, 9),

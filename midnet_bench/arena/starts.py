@@ -19,11 +19,14 @@ ROOM_SHARE = 0.05  # A room inside has at least this share of the floor of the l
 def start_of_guards(arena: Arena, team: int, inside: Point | None = None) -> RobotStarts:
     """Where a team may start: all teams up to its size fit there, near the middle of the largest room.
 
-    ``inside``: of the room that holds this place, metres, map frame, instead.
-
     A room is the floor that a Burger can drive to from one place. One that the enclosure's edge does not cut
     comes first, if it is no mere nook: what lies around a building is no room of it. Where so many guards fit
     nowhere in that room, fewer start: the ``team`` that comes back.
+
+    Args:
+        arena: its walls; its robots and intruders do not matter.
+        team: how many guards are to start, at most.
+        inside: a place in the room to take instead of the largest, metres, map frame.
 
     Raises:
         InputError: there is no room for a guard, or none at ``inside``.

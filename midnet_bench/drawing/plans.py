@@ -6,6 +6,7 @@ import numpy as np
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.drawn_plan import Kind, Plan
+from midnet_bench.arena.floor_plan import coarser
 from midnet_bench.arena.layout import robot_starts
 from midnet_bench.drawing.painter import MARGIN_M, Canvas, Entry, Labels, Picture, swatch
 from midnet_bench.drawing.palette import (
@@ -80,8 +81,5 @@ def _thinned(kinds: OccupancyGrid, scale: float) -> OccupancyGrid:
         return kinds
     ranks = np.empty(len(Kind), np.uint8)
     ranks[[*_LINES]] = np.arange(len(_LINES))
-    height, width = kinds.data.shape
-    rank = np.pad(ranks[kinds.data], ((0, -height % times), (0, -width % times)))
-    parts = rank.reshape(rank.shape[0] // times, times, rank.shape[1] // times, times)
-    shown = np.array(_LINES, np.uint8)[parts.max(axis=(1, 3))]
-    return OccupancyGrid(shown, kinds.resolution * times, kinds.origin)
+    shown = coarser(kinds.with_data(ranks[kinds.data]), times)
+    return shown.with_data(np.array(_LINES, np.uint8)[shown.data])

@@ -68,7 +68,8 @@ class Trials:
     run_together: "Callable[[Sequence[Any], int], Sequence[TrialResult | Exception]] | None" = None
     """([parameters], seed) -> of each what ``run`` gives, or raises, in one simulation"""
     frames: Callable[..., Any] | None = None
-    """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate``; else None"""
+    """(parameters, seed) -> a context manager with ``frames(explain)``, for ``simulate`` and ``export``;
+    None if a trial has no frames"""
     demo: Callable[..., Any] | None = None
     """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
     ``midnet-bench render``; None if there is nothing to draw"""
@@ -95,7 +96,7 @@ class Report:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """main score -> the least and the greatest value that it can have, where no column is called so"""
     lower_is_better: tuple[str, ...] = ()  # those of the main scores that are the better the lower they are
-    ranked_by: tuple[str, ...] = ()  # those of them that ``leaderboard`` ranks by
+    ranked_by: tuple[str, ...] = ()  # those of them that ``compare --rank`` ranks by; all unless given
     recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
     """the recorded trials, for the player of ``report.html``: each is made at its first use; there
     are none without a table ``recorded``"""

@@ -16,7 +16,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.geometry import Booleans, Indices, Point, Solid, dense_outline, lengths
-from midnet_bench.grid import OccupancyGrid, cells_of, cells_to_unset, connected_to
+from midnet_bench.grid import OccupancyGrid, cells_to_unset, connected_to, values_at
 from midnet_bench.simulation.fast.outlines import cast_on_outlines, outlines_of
 
 SEEDS = 5  # whose layouts are tried
@@ -246,10 +246,8 @@ def is_seen(solid: Solid, solids: tuple[Solid, ...], reachable: OccupancyGrid, r
     along = np.arange(0.0, range_m, _STEP_M)
     for point, free_m in zip(points, ranges_m, strict=True):
         lines = point + along[None, :, None] * ways[:, None]
-        column, row = np.moveaxis(cells_of(reachable, lines), -1, 0)
-        lit = (along[None] < free_m[:, None]) & (column >= 0) & (row >= 0)
-        lit &= (column < reachable.width) & (row < reachable.height)
-        if reachable.data[row[lit], column[lit]].any():
+        lit = lines[along[None] < free_m[:, None]]
+        if values_at(reachable.data, reachable, lit, outside=False).any():
             return True
     return False
 

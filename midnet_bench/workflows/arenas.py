@@ -17,6 +17,8 @@ from midnet_bench.arena.floor_plan import (
     blocks_of,
     centred,
     coarser,
+    set_part,
+    sides_of,
     without_cracks,
 )
 from midnet_bench.arena.layout import Layout, place, robot_starts
@@ -145,11 +147,11 @@ def from_map(path: Path, unknown: Unknown, team: int | None = None, room: Point 
             for an arena.
     """
     grid = load_map(path)
-    rows, columns = np.nonzero(grid.data >= FREE)
-    if not len(rows):
+    is_known = grid.data >= FREE
+    if not is_known.any():
         raise InputError(f"{path}: no cell of the map is known")
-    low, left = int(rows.min()), int(columns.min())
-    known = grid.data[low : rows.max() + 1, left : columns.max() + 1]
+    rows, columns = set_part(is_known)
+    known = grid.data[rows, columns]
     dark = known >= OCCUPIED_FROM
     if unknown == "wall":
         dark |= known < FREE
@@ -164,15 +166,17 @@ def from_map(path: Path, unknown: Unknown, team: int | None = None, room: Point 
     checked = check(arena)
     if checked.faults:
         raise InputError(f"{path}: {checked.faults[0].text}")
-    x, y = (new - cells * grid.resolution for new, cells in zip(walls.origin, (left, low), strict=True))
+    x, y = (
+        new - cells.start * grid.resolution for new, cells in zip(walls.origin, (columns, rows), strict=True)
+    )
     heading = [
         f"From the map {path.name}; cells that it does not know are {unknown}.",
         f"In this arena's frame the map's origin is [{x:.6f}, {y:.6f}, 0]: write that into a copy of its YAML"
         " file to guard by the map itself.",
         *walls.notes,
     ]
-    said = [*walls.notes, *notes, *closed]
-    return MadeArena(checked, arena_yaml(arena, heading), said, (path, image_of(path)))
+    text, notes = arena_yaml(arena, heading), [*walls.notes, *notes, *closed]
+    return MadeArena(checked, text, notes, (path, image_of(path)))
 
 
 class _Walls(NamedTuple):
@@ -188,8 +192,7 @@ class _Walls(NamedTuple):
 
         Raises InputError: there is no wall, or it is too large or ragged.
         """
-        # the size is told before anything is looked for
-        arena_of(dark, [(0, 0, 1, 1)] if dark.data.any() else [], name)
+        sides_of(dark)  # the size is told before anything is looked for
         for times in range(1, max(1, int(COARSEST_M / dark.resolution + 1e-6)) + 1):
             grid = coarser(dark, times)
             moved = centred(grid.data, grid.resolution)
@@ -284,15 +287,16 @@ def _picture(output: Path, ending: str, sources: Sequence[Path]) -> Path:
 
 
 def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:
-    """Draw an arena as trials in it are drawn: a team at its starts, seed 1's intruders, and the faults.
+    """Draw an arena as trials in it are drawn: its largest team, seed 1's intruders, and the faults.
 
     Raises:
         InputError: the file cannot be written.
         MidnetBenchError: the disk is full.
     """
-    starts = robot_starts(arena, TEAM)
+    team = arena.robots.team
+    starts = robot_starts(arena, team)
     try:
-        layout = place(arena, 1, TEAM)
+        layout = place(arena, 1, team)
     except InputError:
         layout = Layout(arena, 1, arena.placed_solids(), starts, ())
     parameters = DetectionParameters()
@@ -301,7 +305,7 @@ def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:
         FloorPlan.of(arena, layout, 1),
         prior_map,
         prior_map,
-        TEAM,
+        team,
         len(layout.intruders),
         parameters.costmap.obstacle_range_m,
         parameters.costmap.size_m,

@@ -9,7 +9,7 @@ import contextlib
 import random
 import statistics
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -152,17 +152,16 @@ class Checked:
         ``seed``: of the global random numbers.
         """
         shared, frames = recorded(), recorded().frames if frames is None else frames
-        random.seed(seed)
-        np.random.seed(seed)  # noqa: NPY002 - the one that a plug-in may draw from
         own_map = shared.prior_map.with_data(shared.prior_map.data.copy())
         own = shared._replace(prior_map=own_map, points=shared.points.copy())
-        call = self.plugin.call(self.name, own, len(frames[0].observations))  # type: ignore[misc]
         answers: Answers = []
-        for frame in frames:
-            begin = time.perf_counter()
-            of_frame = call(replace(frame, observations=[*frame.observations], boxes=[*frame.boxes]))
-            self.times_s.append(time.perf_counter() - begin)
-            answers += of_frame
+        with _global_random_numbers(seed):
+            call = self.plugin.call(self.name, own, len(frames[0].observations))  # type: ignore[misc]
+            for frame in frames:
+                begin = time.perf_counter()
+                of_frame = call(replace(frame, observations=[*frame.observations], boxes=[*frame.boxes]))
+                self.times_s.append(time.perf_counter() - begin)
+                answers += of_frame
         return answers
 
 
@@ -192,7 +191,6 @@ def check(thing: str) -> Checked:
         return case
     run_trials, spec = Checked(plugin, next(iter(point.own))).trial()
     run_trials([spec])  # compiles what it needs: the time limit is for the plug-in alone
-    states = random.getstate(), np.random.get_state()  # noqa: NPY002
     for row in (row for row in ROWS if point in row.of):
         try:
             case.faults += [point.line_of(case.name) + line for line in row.faults(case)]
@@ -200,9 +198,8 @@ def check(thing: str) -> Checked:
             case.faults.append(str(error))
         if case.faults and row.ends:
             break
-    random.setstate(states[0])
-    np.random.set_state(states[1])  # noqa: NPY002
-    return replace(case, faults=list(dict.fromkeys(case.faults)))
+    case.faults = list(dict.fromkeys(case.faults))
+    return case
 
 
 def detector_ms(name: str) -> float:
@@ -211,6 +208,19 @@ def detector_ms(name: str) -> float:
     if not DETECTORS.is_made_here(name):
         case.answers()
     return case.frame_ms or 0.0
+
+
+@contextlib.contextmanager
+def _global_random_numbers(seed: int) -> Iterator[None]:
+    """Those of Python and NumPy, which a plug-in may draw from, by this seed; as they were afterwards."""
+    states = random.getstate(), np.random.get_state()  # noqa: NPY002
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        random.setstate(states[0])
+        np.random.set_state(states[1])  # noqa: NPY002
 
 
 def _plugin_of(thing: str) -> Plugin:

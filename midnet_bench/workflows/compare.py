@@ -197,14 +197,7 @@ def _differences(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[st
     for one in compared:
         other = str(one.contestant[0])
         means = {first: one.before, other: one.after}
-        rows.append(
-            {
-                "trial": one.cell,
-                "measure": one.measure,
-                **means,
-                **one.columns,
-            }
-        )
+        rows.append({"trial": one.cell, "measure": one.measure, **means, **one.columns})
         names.append(f"{one.cell} {in_words(one.measure)}" + f" ({other})" * (len(campaigns) > 2))
     title, labels = f"Differences from {first} {HOW}", {name: name for name in campaigns}
     notes = notes_on(compared, names)
@@ -389,14 +382,7 @@ def _compared_values(results: Results, record: Experiment) -> tuple[Table, "Figu
         value = str(one.contestant[0])
         if value != baseline:
             row = {preset.by: value, "trial": one.cell, "measure": one.measure}
-            rows.append(
-                {
-                    **row,
-                    "baseline": one.before,
-                    "value": one.after,
-                    **one.columns,
-                }
-            )
+            rows.append({**row, "baseline": one.before, "value": one.after, **one.columns})
         estimate = seed_mean(record, one.measure, one.values)
         means.setdefault(one.measure, {}).setdefault(one.cell, {})[value] = estimate
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"

@@ -59,10 +59,10 @@ def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = No
     Args:
         directory: of a campaign.
         of: the factors that are compared; those that name code, such as ``detector``, unless given.
-        rank_by: a score of the experiment; those that it names itself unless given.
+        rank_by: a score of the experiment; those that it names itself unless given, else all.
 
     Raises:
-        InputError: the campaign has no such factor, or its experiment no such score.
+        InputError: the campaign has no such factor or no finished trial, or its experiment no such score.
     """
     results = load_results(directory, tables_of)
     if not of and rank_by is None and is_standard(results.definition):
@@ -79,10 +79,13 @@ def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = No
         results.by_value(unknown[0])  # refuses it
     parts = contestants(results, factors)
     frame = scores_of(record, parts, factors)
-    measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
+    measures = list(dict.fromkeys(frame[MEASURE])) if len(frame) else []
+    if not measures:
+        raise InputError(f"{directory}: no trial has finished: there is nothing to rank")
     if rank_by is not None and rank_by not in measures:
         raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
-    chosen = [rank_by] if rank_by else [measure for measure in record.report.ranked_by if measure in measures]
+    named = [measure for measure in record.report.ranked_by if measure in measures]
+    chosen = [rank_by] if rank_by else named or measures
     return [
         _ranking(record, factors, frame, one, [other for other in measures if other != one]) for one in chosen
     ]
@@ -102,10 +105,14 @@ def _ranking(
     )
     labels = {score: in_words(score) for score in (measure, *beside)}
     called = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
-    name, notes = f"leaderboard_{measure}", notes_on(compared, called)
-    table_rows = [row for _, row in rows]
     return Table(
-        name, title, table_rows, {"p_holm": 4}, notes=notes, labels=labels, beside=(*HIDDEN, *beside)
+        f"{NAME}_{measure}",
+        title,
+        [row for _, row in rows],
+        {"p_holm": 4},
+        notes=notes_on(compared, called),
+        labels=labels,
+        beside=(*HIDDEN, *beside),
     )
 
 
@@ -254,20 +261,20 @@ def standard_table(results: Results) -> Table:
             **{name: cell for name, cell in row.items() if name not in ("rank", *METHOD, BESIDE)},
             **{ground: _mean_of(on_ground[*method, SCORE, ground].values()) for ground in grounds},
             BESIDE: row[BESIDE],
-            "cost": costs.get(str(method[0]), math.nan),
+            COSTS: costs.get(str(method[0]), math.nan),
             "digest": digest_of(methods[method]),
         }
         for method, row in placed
     ]
-    labels = {SCORE: "F1 one-to-one", BESIDE: "GOSPA, m", "cost": "cost, x midnet"}
+    labels = {SCORE: "F1 one-to-one", BESIDE: "GOSPA, m", COSTS: "cost, x midnet"}
     labels |= {"difference": "less the paper's"}
-    hidden = (*grounds, "difference", BESIDE, "cost", "digest", "seeds", "outlier_seed", "p_holm")
+    hidden = (*grounds, "difference", BESIDE, COSTS, "digest", "seeds", "outlier_seed", "p_holm")
     seeds = reference.definition
     title = (
         f"Standard test, seeds {seeds.base_seed} to {seeds.base_seed + seeds.trials - 1}: "
         f"mean over {len(grounds)} grounds"
     )
-    return Table(NAME, title, rows, {"p_holm": 4, "cost": 1}, labels=labels, beside=hidden)
+    return Table(NAME, title, rows, {"p_holm": 4, COSTS: 1}, labels=labels, beside=hidden)
 
 
 def _scores_of_methods(results: Results) -> dict[Key, pd.DataFrame]:
@@ -346,7 +353,7 @@ def standard_headline(results: Results) -> Headline:
     lines = [f"The best is {table.rows[0]['method']} with {_text(table.rows[0][SCORE])}."]
     for row in table.rows:
         if str(row["method"]).endswith(YOURS):
-            cost = float(str(row["cost"]))
+            cost = float(str(row[COSTS]))
             lines.append(
                 f"{row['method']}: rank {row['rank']} of {len(table.rows)} with {_text(row[SCORE])}; beside "
                 f"the paper's: {row['verdict']}; digest {row['digest']}"
@@ -356,20 +363,23 @@ def standard_headline(results: Results) -> Headline:
         "F1 one-to-one counts a second box on an intruder as false; intervals of 95 % over seeds.",
         "Verdicts by Holm at 5 %, seed by seed against the paper's method.",
     ]
-    return Headline([table], lines + _repeated(results), notes, "docs/leaderboard.md says how to send a row.")
+    lines += _repeated(results, {str(row["method"]): str(row["digest"]) for row in table.rows})
+    return Headline([table], lines, notes, "docs/leaderboard.md says how to send a row.")
 
 
-def _repeated(results: Results) -> list[str]:
-    """A line for each shipped method that a campaign ran again: whether every score is the committed one."""
+def _repeated(results: Results, digests: Mapping[str, str]) -> list[str]:
+    """A line for each shipped method that a campaign ran again: whether every score is the committed one.
+
+    ``digests``: of the committed scores, by the method's name.
+    """
     if results.directory.resolve() == reference_folder().resolve():
         return []
-    shipped = _scores_of_methods(load_results(reference_folder(), tables_of))
     return [
-        f"{name_of(method)}: every score is the committed one, to the last bit."
-        if digest_of(scores) == digest_of(shipped[method])
-        else f"{name_of(method)}: scores differ from the committed ones; is this another version?"
+        f"{name}: every score is the committed one, to the last bit."
+        if digest_of(scores) == digests[name]
+        else f"{name}: scores differ from the committed ones; is this another version?"
         for method, scores in _scores_of_methods(results).items()
-        if method in shipped
+        if (name := name_of(method)) in digests
     ]
 
 

@@ -27,6 +27,7 @@ from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Point
 from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.arena_faults import check as checked_arena
+from midnet_bench.workflows.arena_faults import shown_place
 from midnet_bench.workflows.campaigns import campaign_file, run_resolved
 
 if TYPE_CHECKING:
@@ -102,9 +103,14 @@ class Answer(NamedTuple):
         return next((team for team in self.teams if team.is_enough), None)
 
     @property
+    def shown(self) -> Team:
+        """The team that the answer tells of: the smallest that is enough, else the largest."""
+        return self.smallest or self.teams[-1]
+
+    @property
     def sentences(self) -> list[str]:
         """The answer with what stays open, what to type next, and what it stands on."""
-        question, best, shown = self.question, self.smallest, self.smallest or self.teams[-1]
+        question, best, shown = self.question, self.smallest, self.shown
         fewer = [team for team in self.teams if best is None or team.robots < best.robots]
         undecided = [team for team in fewer if team.is_enough is None]
         fact = (
@@ -151,10 +157,9 @@ class Answer(NamedTuple):
 
     @property
     def places(self) -> Table:
-        """A row for each entrance: how the smallest team that is enough, else the largest, fares there."""
-        team = self.smallest or self.teams[-1]
+        """A row for each entrance: how the team :attr:`shown` fares there."""
         by_place: dict[Point, list[float]] = {}
-        for seed, time_s in team.time_s.items():
+        for seed, time_s in self.shown.time_s.items():
             by_place.setdefault(self.entrances[seed], []).append(time_s)
         rows: list[Mapping[str, Cell]] = [
             {
@@ -166,7 +171,8 @@ class Answer(NamedTuple):
             }
             for (x, y), times_s in sorted(by_place.items())
         ]
-        return Table("entrances", f"Where intruders start, and {team.robots} guards", rows, {"share": 2})
+        title = f"Where intruders start, and {self.shown.robots} guards"
+        return Table("entrances", title, rows, {"share": 2})
 
 
 def ask(question: Question) -> tuple[Question, Arena, list[str]]:
@@ -182,8 +188,8 @@ def ask(question: Question) -> tuple[Question, Arena, list[str]]:
         more = f" (and {len(rooms) - 1} more: 'midnet-bench arena check')" if len(rooms) > 1 else ""
         raise InputError(f"{question.arena}: cannot be guarded: {rooms[0]}{more}")
     notes = [
-        f"no robot can enter {closed.area_m2:.1f} m2 of floor at ({closed.at[0]:.2f}, {closed.at[1]:.2f}):"
-        " is it outside the building?"
+        f"no robot can enter {closed.area_m2:.1f} m2 of floor at {shown_place(closed.at)}: is it outside the"
+        " building?"
         for closed in found.closed
         if not closed.is_declared
     ]
@@ -238,9 +244,8 @@ def size(
         InputError: a parameter is no good, or the folder has trials of another question.
         MidnetBenchError: a trial failed.
     """
-    resolved = resolve(campaign_of(question), registry)
     more |= {"jobs": jobs, "backend": "loky", "fresh": fresh, "retry_failed": False}
-    outcome = run_resolved(resolved, directory, **more)
+    outcome = run_resolved(resolve(campaign_of(question), registry), directory, **more)
     results = load_results(directory, registry.tables_of)
     if outcome.failed:
         raise MidnetBenchError(f"{directory}: a trial failed: {results.failures['reason'].iloc[0]}")
@@ -258,8 +263,8 @@ def answer(question: Question, results: Results) -> Answer:
         if estimate.low >= question.probability or estimate.high < question.probability:
             is_enough = estimate.low >= question.probability
         teams.append(Team(int(str(robots)), times_s, estimate, is_enough))
-    shown = next((team for team in teams if team.is_enough), teams[-1])
-    return Answer(question, teams, _starts(results, shown))
+    found = Answer(question, teams, {})
+    return found._replace(entrances=_starts(results, found.shown))
 
 
 def _starts(results: Results, team: Team) -> dict[int, Point]:
@@ -280,7 +285,7 @@ def figures(answer: Answer, arena: Arena) -> dict[str, "Figure"]:
     """Stem of its files -> the share of intruders found over time, and how long they take by their start."""
     from midnet_bench.drawing.charts import entrances_figure, times_figure
 
-    question, shown = answer.question, answer.smallest or answer.teams[-1]
+    question = answer.question
     curves = {
         f"{team.robots} guard{'s' * (team.robots != 1)}: {WORDS[team.is_enough]}": (
             [*team.time_s.values()],
@@ -292,7 +297,9 @@ def figures(answer: Answer, arena: Arena) -> dict[str, "Figure"]:
     outlines = [solid.outline for solid in (*arena.wall_solids(), *arena.placed_solids())]
     return {
         "probability_over_time": times_figure(curves, question.within_s, question.probability, question.done),
-        "entrances": entrances_figure(outlines, places, shown.robots, question.within_s, question.done),
+        "entrances": entrances_figure(
+            outlines, places, answer.shown.robots, question.within_s, question.done
+        ),
     }
 
 

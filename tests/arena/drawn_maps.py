@@ -1,4 +1,4 @@
-"""Fifty map_server maps drawn in the styles of public ones, each a function of its own seed."""
+"""Map_server maps drawn in the styles of public ones, each a function of its own seed."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Fifty drawn maps: each becomes an arena without a fault in which a trial runs, or a line says why not."""
+"""Drawn maps: each becomes an arena without a fault in which a trial runs, or a line says why not."""
 
 from pathlib import Path
 

@@ -105,6 +105,26 @@ def test_all_cells_together_are_no_world_of_their_own_where_there_is_one(
     assert not any("world" in row for row in by_f1.rows)
 
 
+@pytest.mark.usefixtures("compared")
+def test_an_experiment_that_names_no_score_is_ranked_by_all(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    record = module.experiment_of(results({("midnet", "paper"): 60}))
+    record = replace(record, report=replace(record.report, ranked_by=()))
+    monkeypatch.setattr(module, "experiment_of", lambda of: record)
+    tables = rank("somewhere", of=["detector"])
+    assert {"leaderboard_recall", "leaderboard_precision"} <= {table.name for table in tables}
+    write_ranking("somewhere", tables, tmp_path / "page.md")
+
+
+def test_a_campaign_without_a_finished_trial_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = results({("midnet", "paper"): 60, ("mine", "paper"): 60})
+    empty = {name: frame.iloc[:0] for name, frame in found.tables.items()}
+    monkeypatch.setattr(module, "load_results", lambda *_: replace(found, tables=empty))
+    with pytest.raises(InputError, match="somewhere: no trial has finished"):
+        rank("somewhere")
+
+
 def test_less_is_better_of_times_errors_and_what_went_wrong() -> None:
     record = experiment_of(results({("midnet", "paper"): 60}))
     wanted = ("gospa_per_frame_m", "first_detection_s", "motp_m", "id_switches", "never_detected")
