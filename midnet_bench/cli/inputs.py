@@ -26,6 +26,20 @@ MOST_GUARDS = 100
 Output = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="FILE", help="The arena's file (default: print it).")
 ]
+Guards = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", min=1, help="So many guards have to fit at the start (default 5, or as many as do)."
+    ),
+]
+Room = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y",
+        help="A place in the room where guards start, in metres as the picture has it (default the largest "
+        "room).",
+    ),
+]
 
 
 @command(example="midnet-bench parameters localization")
@@ -232,20 +246,8 @@ def from_image(
             "--drop-beside", help="What lies wholly beside the building is floor: a title, a scale bar."
         ),
     ] = False,
-    robots: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="So many guards have to fit at the start (default 5, or as many as do)."
-        ),
-    ] = None,
-    room: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y",
-            help="A place in the room where guards start, in metres as the picture has it (default the "
-            "largest room).",
-        ),
-    ] = None,
+    robots: Guards = None,
+    room: Room = None,
     output: Output = None,
 ) -> None:
     """Make an arena of a drawn plan.
@@ -274,20 +276,8 @@ def from_map(
     unknown: Annotated[
         Literal["wall", "free"], typer.Option(help="What the cells are that the map knows nothing of.")
     ] = "wall",
-    robots: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="So many guards have to fit at the start (default 5, or as many as do)."
-        ),
-    ] = None,
-    room: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y",
-            help="A place in the room where guards start, in metres as the picture has it (default the "
-            "largest room).",
-        ),
-    ] = None,
+    robots: Guards = None,
+    room: Room = None,
     output: Output = None,
 ) -> None:
     """Make an arena of a map_server map: its known part, moved to the middle of the plane.

@@ -8,7 +8,7 @@ from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.drawn_plan import Kind, Plan
 from midnet_bench.arena.floor_plan import coarser
 from midnet_bench.arena.layout import robot_starts
-from midnet_bench.drawing.painter import MARGIN_M, Canvas, Entry, Labels, Picture, swatch
+from midnet_bench.drawing.painter import MARGIN_M, SWATCH, Canvas, Entry, Labels, Picture, swatch
 from midnet_bench.drawing.palette import (
     DETECTION,
     FALSE_DETECTION,
@@ -50,9 +50,10 @@ def draw_plan(plan: Plan, arena: Arena, narrow: Sequence[tuple[Point, float]]) -
     view = Box(*plan.kinds.extent).shrunk(-MARGIN_M)
     found = {Kind(value) for value in np.unique(plan.kinds.data)}
     entries: list[Entry] = [swatch(*LOOKS[kind], INK) for kind in LOOKS if kind in found]
-    entries.append(
-        (lambda canvas: canvas.circle((0.0, 0.0), 5.0 / canvas.scale, GUARD, -1), "guards' starts")
-    )
+    entries += [
+        (lambda canvas: canvas.dashed_box(SWATCH, GUARD), "edge of what is guarded"),
+        (lambda canvas: canvas.circle((0.0, 0.0), 5.0 / canvas.scale, GUARD, -1), "guards' starts"),
+    ]
     if narrow:
         entries.append(
             (lambda canvas: canvas.circle((0.0, 0.0), 7.0 / canvas.scale, FALSE_DETECTION, 2), "too narrow")
