@@ -7,10 +7,9 @@ the cache is no part of a cycle or a frame: all were called before.
 
 The command is ``detection`` with one cell: one robot, ten frames, one seed, ``--jobs 1``, PyBullet,
 ``thresh_local=90``. It runs in a fresh process, of which every function of the package counts that is called
-in its main thread, from the command line to the report. A move is a call of a function in another file than
-the one called before it. The trial itself runs in a worker and does not count, nor does what draws its arena
-again for the pictures (``arena.layout.place``); comprehensions and generators count as part of their
-function, and what runs while modules are imported does not count.
+in its main thread, from the command line to the report. The trial itself runs in a worker and does not
+count, nor does what draws its arena again for the pictures (``arena.layout.place``); comprehensions and
+generators count as part of their function, and what runs while modules are imported does not count.
 """
 
 import json
@@ -99,8 +98,8 @@ COMMAND = ("detection", *CELL, "--seeds", "1", "--jobs", "1", "-q", "-o")
 INNER = ("<lambda>", "<genexpr>", "<listcomp>", "<setcomp>", "<dictcomp>", "<module>")
 
 
-def command() -> tuple[set[str], int]:
-    """The files that a command with one cell enters, and how often it moves between them."""
+def command() -> set[str]:
+    """The files that a command with one cell enters."""
     program = "from benchmarks.files_opened import print_command; print_command()"
     # what compiles is no part of a command: it was compiled before
     campaign = Campaign(experiment="detection", grid={"robots": [1]}, parameters={"engine": "bullet"})
@@ -109,20 +108,19 @@ def command() -> tuple[set[str], int]:
         done = subprocess.run(
             [sys.executable, "-c", program, f"{folder}/counted"], capture_output=True, text=True, check=True
         )
-    found = json.loads(done.stdout.splitlines()[-1])
-    return set(found["files"]), found["moves"]
+    return set(json.loads(done.stdout.splitlines()[-1]))
 
 
 def print_command() -> None:
-    """Run the command in this process; its folder is the first argument. Prints files and moves as JSON."""
+    """Run the command in this process; its folder is the first argument. Prints the files as JSON."""
     from midnet_bench.cli import main as command_line
 
     files: set[str] = set()
-    moves, last, depth = 0, "", 0
+    depth = 0
     prefix = f"{PACKAGE}/"
 
     def profile(frame: FrameType, event: str, argument: object) -> None:
-        nonlocal moves, last, depth
+        nonlocal depth
         code = frame.f_code
         if event == "return" and depth:
             depth -= 1
@@ -133,8 +131,6 @@ def print_command() -> None:
         if depth or code.co_name == "<module>" or (name, code.co_name) == ("arena/layout.py", "place"):
             depth += 1
         elif name.endswith(".py") and not name.endswith("__init__.py") and code.co_name not in INNER:
-            moves += name != last
-            last = name
             files.add(name)
 
     sys.argv = ["midnet-bench", *COMMAND, sys.argv[1]]
@@ -146,7 +142,7 @@ def print_command() -> None:
             raise
     finally:
         sys.setprofile(None)
-    print(json.dumps({"files": sorted(files), "moves": moves}))
+    print(json.dumps(sorted(files)))
 
 
 def main() -> None:
@@ -156,14 +152,11 @@ def main() -> None:
         ("one control cycle, the robot's own software", software),
         ("one control cycle, the simulated world under it", cycle - software),
         ("one MIDNet frame, from the scan to the row of scores", midnet_frame()),
+        ("a command of one cell, outside the trial", command()),
     ):
         print(f"{title}: {len(files)} files")
         for name in sorted(files):
             print(f"  {name}")
-    entered, moves = command()
-    print(f"a command of one cell, outside the trial: {len(entered)} files, {moves} moves")
-    for name in sorted(entered):
-        print(f"  {name}")
 
 
 if __name__ == "__main__":
