@@ -160,7 +160,7 @@ def ranks(folder: str) -> list[tuple[str, dict[str, str]]]:
     for line in (REFERENCE / folder / "leaderboard.md").read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if line.startswith("## Ranked by "):
-            measure, heads = line.split()[3].strip(","), []
+            measure, heads = re.split(", the (?:highest|lowest) first", line)[0][len("## Ranked by ") :], []
         elif line.startswith("|") and not heads:
             heads = cells
         elif line.startswith("|") and ":" not in cells[0]:
@@ -549,7 +549,7 @@ IMPROVED = {
 
 def improved(window: str, fusion: str, align: str, column: str = "difference") -> list[Number]:
     where = {"local_size_m": window, "fusion": fusion, "align": align}
-    return [rank("improved", "f1_one_to_one", column, world=team, **where) for team in TEAMS]
+    return [rank("improved", F1, column, world=team, **where) for team in TEAMS]
 
 
 def best(measure: str, column: str) -> list[Number]:
@@ -597,8 +597,7 @@ def baseline(folder: str, team: str, measure: str = "f1_one_to_one") -> float:
     return float(rows(f"{folder}/differences_by_variant", trial=team, measure=measure)["baseline"].iloc[0])
 
 
-F1, GOSPA = "f1_one_to_one", "gospa_per_frame_m"
-HEADS = {F1: "F1 one-to-one", GOSPA: "GOSPA per frame, m"}
+F1, GOSPA, CAUGHT = "F1 one-to-one", "GOSPA per frame, m", "caught, %"
 
 
 def rival(folder: str, detector: str, fusion: str, *beside: str) -> list[float]:
@@ -606,7 +605,7 @@ def rival(folder: str, detector: str, fusion: str, *beside: str) -> list[float]:
     found: list[Any] = []
     for measure in (F1, GOSPA):
         where = {"detector": detector, "fusion": fusion}
-        found += [rank(folder, measure, HEADS[measure], **where).value]
+        found += [rank(folder, measure, measure, **where).value]
         if (detector, fusion) != ("midnet", "paper"):
             found += [rank(folder, measure, **where)]
     return [*found, *(rank(folder, F1, column, detector=detector, fusion=fusion).value for column in beside)]
@@ -638,7 +637,7 @@ def office_row(detector: str, fusion: str) -> str:
 
 def pursued(pursuing: bool) -> list[dict[str, str]]:
     """Rows of the labyrinth's ranking with a pursuit, or without; not the paper's own."""
-    found = [row for measure, row in ranks("rivals-labyrinth") if measure == "caught_percent"]
+    found = [row for measure, row in ranks("rivals-labyrinth") if measure == CAUGHT]
     return [row for row in found if (row["pursuit"] != "none") == pursuing]
 
 
@@ -648,10 +647,7 @@ def told_apart(found: Sequence[Mapping[str, str]]) -> int:
 
 def largest_gain() -> Number:
     names = [row for row in pursued(True) if row["verdict"] != "the first"]
-    found = [
-        rank("rivals-labyrinth", "caught_percent", patrol=row["patrol"], pursuit=row["pursuit"])
-        for row in names
-    ]
+    found = [rank("rivals-labyrinth", CAUGHT, patrol=row["patrol"], pursuit=row["pursuit"]) for row in names]
     return max(found, key=lambda gain: gain.value)
 
 
@@ -1160,7 +1156,7 @@ QUOTES = [
     Quote(
         ERRORS,
         "| F1 one-to-one, nothing changed | {:.3f} | {:.3f} |",
-        lambda: [cell.value for cell in improved("3.5", "paper", "floor", HEADS[F1])],
+        lambda: [cell.value for cell in improved("3.5", "paper", "floor", F1)],
     ),
     *(
         Quote(ERRORS, f"| {head} | {{:+.3f}} | {{:+.3f}} |", lambda change=change: improved(*change))
@@ -1171,9 +1167,7 @@ QUOTES = [
         Quote(
             ERRORS,
             f"| {head} | {{:.3f}} | {{:.3f}} | {{:+.3f}} | {{:.3f}} | {{:.3f}} | {{:+.3f}} |",
-            lambda measure=measure: [
-                cell if cell.bold else cell.value for cell in best(measure, HEADS[measure])
-            ],
+            lambda measure=measure: [cell if cell.bold else cell.value for cell in best(measure, measure)],
         )
         for head, measure in (("F1 one-to-one", F1), ("GOSPA, m a frame", GOSPA))
     ),
@@ -1224,7 +1218,7 @@ QUOTES = [
             RIVALS_PAGE,
             f"| `{patrol}` |" + " {:.1f} |" * 4,
             lambda patrol=patrol: [
-                rank("rivals-labyrinth", "caught_percent", "caught, %", patrol=patrol, pursuit=pursuit).value
+                rank("rivals-labyrinth", CAUGHT, CAUGHT, patrol=patrol, pursuit=pursuit).value
                 for pursuit in ("nearest", "none", "all", "assignment")
             ],
         )
@@ -1237,12 +1231,12 @@ QUOTES = [
     ),
     Quote(
         RIVALS_PAGE,
-        "the largest gain is {:+.1f} points. Of the {} that do not pursue {} is worse; `coordinated` has {:+.1f} points",
+        "the largest gain is {:+.1f} points. Of the {} that do not pursue {} is worse; `reactive` has {:+.1f} points",
         lambda: [
             largest_gain(),
             len(pursued(False)),
             told_apart(pursued(False)),
-            rank("rivals-labyrinth", "caught_percent", patrol="coordinated", pursuit="none"),
+            rank("rivals-labyrinth", CAUGHT, patrol="reactive", pursuit="none"),
         ],
     ),
     *(
