@@ -477,7 +477,7 @@ def reading_extremes() -> list[float]:
     others = ("stationary_scale 0.5", "stationary_scale 2", "iou_fuse 0.03")
     moved = [abs(a - b) for variant in others for a, b in zip(reading(variant=variant), usual, strict=True)]
     windows = [reading(variant=f"local_size_m {size}")[1] for size in ("2.5", "10")]
-    return [*windows, reading(variant="inf_is_valid false")[3], max(moved)]
+    return [*windows, reading(variant="inf_is_valid false")[3], ceiling(max(moved), 3)]
 
 
 PURSUED = {
@@ -562,8 +562,8 @@ def improved(window: str, fusion: str, align: str, column: str = "difference") -
     return [rank("improved", F1, column, world=team, **where) for team in TEAMS]
 
 
-def best(measure: str, column: str) -> list[Number]:
-    cells = [(preset, name) for preset, name in (("paper", column), ("best", column), ("best", "difference"))]
+def best(measure: str) -> list[Number]:
+    cells = [("paper", measure), ("best", measure), ("best", "difference")]
     return [
         rank("best", measure, name, world=team, preset=preset) for team in TEAMS for preset, name in cells
     ]
@@ -1184,7 +1184,7 @@ QUOTES = [
         Quote(
             ERRORS,
             f"| {head} | {{:.3f}} | {{:.3f}} | {{:+.3f}} | {{:.3f}} | {{:.3f}} | {{:+.3f}} |",
-            lambda measure=measure: [cell if cell.bold else cell.value for cell in best(measure, measure)],
+            lambda measure=measure: [cell if cell.bold else cell.value for cell in best(measure)],
         )
         for head, measure in (("F1 one-to-one", F1), ("GOSPA, m a frame", GOSPA))
     ),

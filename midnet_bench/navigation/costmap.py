@@ -2,6 +2,7 @@
 
 import functools
 import math
+from abc import ABC, abstractmethod
 from typing import Any
 
 import cv2
@@ -55,7 +56,7 @@ def inflation_costs(settings: CostmapSettings, radius_m: float) -> Cells:
     return costs
 
 
-class Costmap:
+class Costmap(ABC):
     """The obstacles that scans mark, on a lattice that never moves, and their inflation.
 
     The lower-left corner lies ``column``, ``row`` whole cells from ``lattice_origin``, so that two grids of
@@ -179,7 +180,7 @@ class Costmap:
             self._marked_at_s = _moved(self._marked_at_s, right, up, width, height, -math.inf)
         self.column, self.row = column, row
 
-    def _follow(self, pose: Pose2D) -> None:
+    def _follow(self, pose: Pose2D) -> None:  # noqa: B027 - a whole map stays where it is
         """Move the costmap to the robot, if it is a window."""
 
     def _touch_all(self) -> None:
@@ -187,9 +188,9 @@ class Costmap:
         height, width = self.marks.shape
         self.touched[:] = 0, 0, width, height
 
+    @abstractmethod
     def _inflated(self) -> Cells:
         """(H, W) uint8: the costs of the marks as they are."""
-        raise NotImplementedError
 
 
 def _moved(
