@@ -1,5 +1,6 @@
 """What of a drawn plan became wall, as a picture."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,7 +8,7 @@ from midnet_bench.arena.arena import Arena, load_arena
 from midnet_bench.arena.drawn_plan import Kind, Plan
 from midnet_bench.arena.floor_plan import centred
 from midnet_bench.drawing.painter import MARGIN_M
-from midnet_bench.drawing.palette import FALSE_DETECTION, RGB
+from midnet_bench.drawing.palette import FALSE_DETECTION, GUARD, RGB
 from midnet_bench.drawing.plans import LOOKS, draw_plan
 from midnet_bench.drawing.stills import plot_area
 from midnet_bench.geometry import Box
@@ -53,3 +54,11 @@ def test_a_door_that_is_too_narrow_is_marked_at_its_place(arena: Arena) -> None:
     scale = (columns.stop - columns.start) / (8.0 + 2.0 * MARGIN_M)
     assert found_columns.min() / scale - 4.0 - MARGIN_M == pytest.approx(2.0 - 0.25, abs=0.06)
     assert 4.0 + MARGIN_M - found_rows.max() / scale == pytest.approx(-1.0 - 0.25, abs=0.06)
+
+
+def test_the_legend_names_the_edge_of_what_is_guarded_beside_the_starts(arena: Arena) -> None:
+    plan = plan_of(np.full((80, 80), Kind.FLOOR), 0.1)
+    page = draw_plan(plan, arena, [])
+    page[plot_area(Box(*plan.kinds.extent).shrunk(-MARGIN_M), 1)] = 255
+    signs, _ = cv2.connectedComponents(np.all(page == GUARD, axis=2).astype(np.uint8))
+    assert signs - 1 > 4  # a dot for the starts, and dashes
