@@ -8,7 +8,7 @@ time = c * robots ** p, fitted from 20 robots on; 1 is linear. The columns take 
 with each of the other list, up to the first match. It is a count and no time.
 
 ``python -m benchmarks.scale scenes.csv`` counts duplicates, and boxes that change with the robots' order: a
-row for each fusion, way to take out an ally, team size and seed from 401 to 410. About ten minutes.
+row for each fusion, way to take out an ally, team size and seed from 5401 to 5410. About ten minutes.
 """
 
 import math
@@ -45,7 +45,7 @@ def main(teams: Sequence[int] = TEAMS, scenes: int = 20) -> None:
     print("IoUs as written  ", *(f"{count:>9.0f}" for count in counts), f"{growth(teams, counts):>8.2f}")
 
 
-def write_scenes(file: Path, seeds: Sequence[int] = range(401, 411)) -> None:
+def write_scenes(file: Path, seeds: Sequence[int] = range(5401, 5411)) -> None:
     rows: list[Row] = [
         {"fusion": fusion, "ally_remove": remove, "robots": robots, "seed": seed}
         | scenes_of(Team(robots, fusion, midnet=MIDNetSettings.from_flat({"ally_remove": remove})), seed)
