@@ -15,6 +15,7 @@ import pandas as pd
 from benchmarks.recount import ROOT, Quote
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.scoring.frame_counts import ratios
 
 REFERENCE, DATA = ROOT / "results/reference", ROOT / "docs/studies/data"
 README, RESULTS = "README.md", "results/README.md"
@@ -724,9 +725,12 @@ def undisturbed() -> list[float]:
 
 
 def scenes(fusion: str, remove: str, robots: int) -> list[Any]:
-    name, trial = "scale/scale", f"{robots}-robot, fusion={fusion}, ally_remove={remove}"
-    numbers = [number(name, column, trial=trial) for column in ("f1_one_to_one", "gospa_per_intruder_m")]
-    return [*numbers, value(name, "reordered_share", trial=trial)]
+    """F1 one-to-one and GOSPA per intruder, means over seeds; the share of orders that change the boxes."""
+    seen = rows("scale/scenes", fusion=fusion, ally_remove=remove, robots=robots)
+    counts = zip(seen["matched"], seen["fp"] + seen["duplicates"], seen["missed"], strict=True)
+    f1 = pd.Series([ratios(*three).f1 for three in counts])
+    per_intruder = seen["gospa_m"] / seen["intruders_in_range"]
+    return [over_seeds(f1), over_seeds(per_intruder), float((seen["reordered"] / seen["orders"]).mean())]
 
 
 def scale_seeds() -> tuple[int, int]:
@@ -921,6 +925,7 @@ QUOTES = [
     ),
     Quote(RESULTS, "| `standard` | `make leaderboard` | {} to {}", lambda: seeds("standard")),
     Quote(RESULTS, "| `scale` | `python -m benchmarks.scale scenes.csv` | {} to {}", scale_seeds),
+    Quote("docs/studies/scale.md", "Seeds {} to {}, ten scenes each", scale_seeds),
     Quote(
         RESULTS,
         "{} of the {} values of the detection test are choices of ours, {} more are options that are off",
